@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// Camera: pinhole with Brown-Conrady distortion, and the parameters of optics, point-spread function and detector.
+//
+// Camera axes C: +x right (columns), +y down (rows), +z along the boresight. Pixel (u, v) = (column, row); the centre of
+// the top-left pixel is (0, 0). A mirrored camera does not exist here: parity is a property of an image on disk.
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "foundation/base/error.h"
+#include "foundation/math/linear.h"
+
+namespace astronav {
+
+struct Pixel {
+  double u = 0.0;  // column
+  double v = 0.0;  // row
+  Vec2 vec() const { return {u, v}; }
+};
+// FITS and many catalogues count from 1, with row 1 at the bottom: x = u + 1, y = height - v.
+Vec2 fits_from_pixel(Pixel p, int height);
+Pixel pixel_from_fits(const Vec2& xy, int height);
+// The origin at the top-left corner of the image: the centre of the first pixel is (0.5, 0.5).
+Vec2 corner_from_pixel(Pixel p);
+Pixel pixel_from_corner(const Vec2& xy);
+
+// Brown-Conrady on the normalised plane (x, y) = (X/Z, Y/Z), r2 = x2 + y2:
+//   x' = x (1 + k1 r2 + k2 r4 + k3 r6) + 2 p1 x y + p2 (r2 + 2 x2)
+//   y' = y (1 + k1 r2 + k2 r4 + k3 r6) + p1 (r2 + 2 y2) + 2 p2 x y           (Brown 1966; OpenCV's order of p1, p2)
+struct Distortion {
+  double k1 = 0.0, k2 = 0.0, k3 = 0.0, p1 = 0.0, p2 = 0.0;
+};
+
+struct Intrinsics {
+  int width_px = 0;
+  int height_px = 0;
+  double fx_px = 0.0;  // focal length over pixel pitch
+  double fy_px = 0.0;
+  double cx_px = 0.0;  // where the boresight falls
+  double cy_px = 0.0;
+  Distortion distortion;
+
+  static Intrinsics from_field_of_view(int width_px, int height_px, double fov_horizontal_rad);
+  double field_of_view_horizontal_rad() const;  // without distortion, edge to edge
+  double field_of_view_vertical_rad() const;
+  double half_diagonal_rad() const;
+  double plate_scale_rad_px() const { return 1.0 / fx_px; }
+};
+
+// Derivatives of the pixel by the parameters, in the order fx, fy, cx, cy, k1, k2, k3, p1, p2.
+using IntrinsicsJacobian = Eigen::Matrix<double, 2, 9>;
+
+// Projects a direction in C (any length, z > 0). out_of_range for a direction behind the camera or so far off the axis
+// that the distortion folds over. Optional derivatives by the direction's components and by the parameters.
+Result<Pixel> project(const Intrinsics& camera, const Vec3& direction_C, Mat23* by_direction = nullptr,
+                      IntrinsicsJacobian* by_intrinsics = nullptr);
+// The unit vector in C whose projection is the pixel (Newton, to 1e-12). not_converged where the distortion has no inverse
+// there. Optional derivative (3x2) by the pixel.
+Result<Vec3> unproject(const Intrinsics& camera, Pixel pixel, Eigen::Matrix<double, 3, 2>* by_pixel = nullptr);
+
+struct BandPoint {
+  double wavelength_m = 0.0;
+  double value = 0.0;  // 0..1
+};
+
+struct Optics {
+  double focal_length_m = 0.0;
+  double pupil_diameter_m = 0.0;
+  std::vector<BandPoint> transmission;  // piecewise linear in wavelength, zero outside
+};
+
+// The truth's point-spread function: a Gaussian core whose width grows with the square of the field angle, a wider
+// Gaussian halo that may be displaced. Fractions of the energy. With halo_fraction = 0 it is a plain Gaussian.
+struct PointSpread {
+  double sigma_px = 0.8;
+  double sigma_growth_px = 0.0;    // added to sigma at the corner of the image
+  double halo_fraction = 0.0;
+  double halo_sigma_px = 3.0;
+  double halo_offset_u_px = 0.0;
+  double halo_offset_v_px = 0.0;
+};
+
+struct Detector {
+  double pixel_pitch_m = 0.0;
+  std::vector<BandPoint> quantum_efficiency;
+  double read_noise_e = 0.0;       // 1 sigma
+  double dark_current_e_s = 0.0;   // mean
+  double dark_nonuniformity = 0.0;  // DSNU, 1 sigma, share of the dark current
+  double photo_nonuniformity = 0.0;  // PRNU, 1 sigma, share of the signal
+  double full_well_e = 0.0;
+  double gain_e_dn = 1.0;          // electrons per DN
+  double bias_dn = 0.0;
+  int bits = 12;
+  double background_e_s_px = 0.0;  // diffuse light
+};
+
+struct Camera {
+  std::string name;
+  Intrinsics intrinsics;
+  Optics optics;
+  PointSpread psf;
+  Detector detector;
+  double exposure_s = 0.4;         // default exposure
+};
+
+}  // namespace astronav

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// BeaconMeasurement: all that the filter is ever told about an image.
+#pragma once
+
+#include "foundation/math/linear.h"
+#include "foundation/time/epoch.h"
+#include "models/camera/camera.h"
+#include "models/ephemeris/bodies.h"
+
+namespace astronav::navigation {
+
+struct BeaconMeasurement {
+  BodyId body;
+  Epoch mid_exposure;
+  Pixel pixel;                      // centre of light on the detector
+  Mat2 pixel_covariance_px2;        // of the centroid alone
+  Mat3 R_CN = Mat3::Identity();     // attitude from the stars of the same frame
+  // Of the attitude error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
+  Mat3 attitude_covariance_rad2 = Mat3::Zero();
+  // Correlation of centroid and attitude error, E[e_pixel theta'] (px rad); zero where the planet's pixel took no part in
+  // the attitude.
+  Eigen::Matrix<double, 2, 3> pixel_attitude_covariance = Eigen::Matrix<double, 2, 3>::Zero();
+};
+
+}  // namespace astronav::navigation

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the image processing gives and takes: plain values, no heap.
+#pragma once
+
+#include <cstdint>
+
+#include "foundation/math/linear.h"
+#include "models/camera/camera.h"
+#include "models/ephemeris/bodies.h"
+
+namespace astronav::vision {
+
+// A spot of light before anybody knows what it is.
+struct Centroid {
+  Pixel pixel;
+  Mat2 covariance_px2 = Mat2::Identity();
+  double flux_dn = 0.0;     // above the background
+  double peak_dn = 0.0;     // above the background
+  double snr = 0.0;
+  int pixels = 0;           // in the connected region
+  bool saturated = false;
+};
+
+struct MatchedStar {
+  std::uint32_t catalogue_index = 0;
+  std::uint32_t id = 0;        // Hipparcos number
+  std::uint32_t centroid = 0;  // index into the centroids
+  Vec2 residual_px = Vec2::Zero();
+};
+
+struct AttitudeSolution {
+  Mat3 R_CN = Mat3::Identity();
+  // Of the error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
+  Mat3 covariance_rad2 = Mat3::Zero();
+  Intrinsics intrinsics;        // as used, or as solved for
+  bool mirrored = false;
+  double residual_rms_px = 0.0;
+  double chance_probability = 1.0;
+  int matched = 0;
+};
+
+// Where a planet should be, told by the navigation.
+struct PlanetPrediction {
+  BodyId body;
+  Vec3 direction_N;                        // apparent unit vector (light time, aberration, centre of light)
+  Mat3 direction_covariance = Mat3::Zero();  // of the unit vector, N
+  double v_mag = 0.0;
+  double expected_flux_dn = 0.0;             // 0: brightness is not used
+};
+
+struct PlanetMatch {
+  BodyId body;
+  std::uint32_t centroid = 0;
+  Pixel predicted;
+  double mahalanobis = 0.0;   // d^2 of the innovation
+  bool found = false;
+};
+
+}  // namespace astronav::vision

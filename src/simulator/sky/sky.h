@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sky: what an observer sees inside a cone: apparent directions (light time, exact aberration, proper motion, parallax)
+// and band fluxes.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "foundation/base/error.h"
+#include "foundation/time/epoch.h"
+#include "models/ephemeris/ephemeris.h"
+#include "models/photometry/photometry.h"
+#include "models/stars/catalogue.h"
+
+namespace astronav::sky {
+
+enum class SourceKind : unsigned char { star, planet };
+
+struct SkySource {
+  SourceKind kind = SourceKind::star;
+  std::int64_t id = 0;       // Hipparcos number, or NAIF number
+  Vec3 direction_N;          // apparent unit vector: where a camera at rest with the observer sees it
+  double v_mag = 0.0;
+  double b_v = 0.65;
+  BandFlux flux;
+};
+
+struct SkySettings {
+  double max_v_mag = 8.0;             // of stars
+  bool aberration = true;
+  bool light_time = true;
+  bool centre_of_light = true;        // planets at their photocentre; false: at the centre of figure (the paper's way)
+  double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
+};
+
+class Sky {
+ public:
+  // The ephemeris and catalogue must outlive the object.
+  Sky(const Ephemeris& ephemeris, const StarCatalogue& catalogue) : ephemeris_(&ephemeris), catalogue_(&catalogue) {}
+
+  // All sources within `radius_rad` of `axis_N`, brightest first. `observer_O` is the barycentric state.
+  Result<std::vector<SkySource>> look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
+                                      const BandPhotometry& band, const SkySettings& settings) const;
+
+ private:
+  const Ephemeris* ephemeris_;
+  const StarCatalogue* catalogue_;
+};
+
+}  // namespace astronav::sky

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// Records: what a flown mission leaves behind, from which summary, files and report are made.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "foundation/image/image.h"
+#include "foundation/math/linear.h"
+#include "foundation/time/epoch.h"
+#include "models/camera/camera.h"
+#include "models/ephemeris/bodies.h"
+#include "models/ephemeris/ephemeris.h"
+
+namespace astronav::loop {
+
+using Vec6 = Eigen::Matrix<double, 6, 1>;
+using Mat6 = Eigen::Matrix<double, 6, 6>;
+
+enum class EventKind : unsigned char {
+  image,         // an image was taken (and, where a planet was found, the filter was updated)
+  window_end,    // a tracking window ends
+  cycle_end,     // the second window of a cycle ends: what "steady state" is read from
+  coast_end,     // the long propagation ends
+  coast_sample,  // a point in between, for plots only
+};
+
+// One row of records.csv. Estimates are those after the event.
+struct Event {
+  EventKind kind = EventKind::image;
+  Epoch epoch;
+  int cycle = 0;                // from 0
+  int window = 0;               // 0 or 1
+  int image = -1;               // running number, -1 for events without an image
+  BodyId body;                  // the beacon, where there is one
+  State truth;                  // barycentric
+  State estimate;
+  Mat6 covariance = Mat6::Zero();  // of position and velocity, m, m/s
+  double nees = 0.0;            // of the 6 states
+
+  // image only
+  bool attitude_found = false;
+  bool attitude_wrong = false;      // found, but off by more than 5 sigma and 60 arcsec
+  bool planet_found = false;        // a spot was accepted as the planet
+  bool planet_false = false;        // ... and it was not the planet (more than 3 px off)
+  bool accepted = false;            // the filter took the measurement
+  Vec2 innovation_px = Vec2::Zero();
+  Mat2 innovation_covariance_px2 = Mat2::Zero();
+  double nis = 0.0;
+  Vec2 planet_error_px = Vec2::Zero();      // measured minus true pixel, as the onboard software sees it
+  Vec2 planet_sigma_px = Vec2::Zero();
+  Vec3 attitude_error_rad = Vec3::Zero();   // camera axes
+  Vec3 attitude_sigma_rad = Vec3::Zero();
+  int stars_matched = 0;
+  int spots = 0;
+  double centroid_error_sum2_px2 = 0.0;  // over matched stars, both axes
+  int centroid_error_count = 0;          // axes summed
+};
+
+struct StageTimes {  // milliseconds; sums over `count`
+  double render = 0.0, centroid = 0.0, identify = 0.0, planets = 0.0, propagate = 0.0, update = 0.0;
+};
+
+// A frame kept for the report, with what the onboard software made of it.
+struct KeptFrame {
+  Epoch epoch;
+  BodyId beacon;
+  ImageU16 pixels;
+  struct Mark {
+    Pixel pixel;
+    std::string label;  // "HIP 32349", "mars", ""
+    std::string kind;   // "star", "planet", "predicted", "spot"
+    double radius_px = 6.0;
+  };
+  std::vector<Mark> marks;
+};
+
+struct BeaconChoice {
+  int cycle = 0;
+  Epoch epoch;
+  BodyId first, second;
+  double figure_of_merit_km = 0.0;
+  struct Candidate {
+    BodyId body;
+    double v_mag = 0.0, sun_elongation_deg = 0.0, distance_km = 0.0;
+    bool visible = false;
+    std::string why_not;  // "Sun exclusion", "too faint", ...
+  };
+  std::vector<Candidate> candidates;
+};
+
+struct Records {
+  std::vector<Event> events;
+  std::vector<KeptFrame> frames;
+  std::vector<BeaconChoice> beacons;
+  std::vector<double> image_ms;  // onboard time of each image
+  StageTimes stage_ms_sum;
+  std::vector<Vec3> planet_tracks_m[9];  // heliocentric places of the planets 1..8 for the picture, index = NAIF barycentre
+  int cycles = 0;
+  int images = 0;
+  double duration_days = 0.0;
+  double wall_s = 0.0;
+  double peak_memory_mb = 0.0;
+  std::string level;
+  std::uint64_t seed = 1;
+  std::uint64_t sample = 0;
+  std::string version;
+  std::string scenario_toml;  // resolved
+};
+
+}  // namespace astronav::loop
