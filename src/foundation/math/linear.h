@@ -2,7 +2,7 @@
 // The fixed-size vectors and matrices that every folder uses. Components are named at the use: p_OS_N, R_CN.
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>  // with Core and LU: cross(), inverse() and determinant() are everywhere
 
 namespace astronav {
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "foundation/math/rotation.h"
 
-#include <Eigen/Geometry>
 #include <cmath>
 
 namespace astronav {
