@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// What several commands read from their arguments: kernels, epochs, observers, pointings.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "foundation/base/error.h"
+#include "foundation/files/mapped_file.h"
+#include "foundation/math/rotation.h"
+#include "foundation/time/epoch.h"
+#include "models/ephemeris/ephemeris.h"
+
+namespace astronav::cli {
+
+// SPK files mapped into memory, and the ephemeris that reads from them.
+struct Kernels {
+  std::vector<MappedFile> files;
+  Ephemeris ephemeris;
+};
+// The files named (later ones take precedence), or the one that ships with the program where none is named. An error
+// carries the path.
+Result<std::shared_ptr<const Kernels>> open_kernels(std::span<const std::string> paths = {});
+
+// Barycentric state of an observer at an epoch (N, metres).
+using Observer = std::function<Result<State>(Epoch)>;
+// `ssb:X,Y,Z[,VX,VY,VZ]` (km, km/s; at rest without velocity), `ground:LAT,LON,HEIGHT_M` (degrees, east positive),
+// `spk:ID@FILE`, `oem:FILE`, or the name or NAIF number of a body. Files are opened here; the observer keeps them.
+Result<Observer> parse_observer(std::string_view text, std::shared_ptr<const Kernels> kernels);
+
+// `RA,DEC,ROLL` in degrees.
+Result<Pointing> parse_pointing(std::string_view text);
+
+// Each text is an epoch or `START/STOP/STEP` (STOP included where the steps hit it); at most a million epochs in all.
+Result<std::vector<Epoch>> parse_epochs(std::span<const std::string> texts);
+
+// Comma-separated finite numbers, between `min_count` and `max_count` of them; `what` says what they are in the error
+// ("RA,DEC,ROLL").
+Result<std::vector<double>> parse_numbers(std::string_view text, std::size_t min_count, std::size_t max_count,
+                                          std::string_view what);
+
+}  // namespace astronav::cli
