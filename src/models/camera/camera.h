@@ -45,7 +45,7 @@ struct Intrinsics {
   static Intrinsics from_field_of_view(int width_px, int height_px, double fov_horizontal_rad);
   double field_of_view_horizontal_rad() const;  // without distortion, edge to edge
   double field_of_view_vertical_rad() const;
-  double half_diagonal_rad() const;
+  double half_diagonal_rad() const;  // boresight to the farthest corner, with distortion
   double plate_scale_rad_px() const { return 1.0 / fx_px; }
 };
 
