@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "verification/scenario/keys.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+namespace astronav::scenario {
+namespace {
+
+constexpr double kAny = std::numeric_limits<double>::infinity();
+
+#define FIELD(path) #path
+#define MEMBER(path) [](Scenario& s) { return &s.path; }
+
+// clang-format off
+#define NUMBER(path, unit, lo, hi, meaning) Key{FIELD(path), unit, meaning, Member(MEMBER(path)), lo, hi}
+#define SWITCH(path, meaning) Key{FIELD(path), "", meaning, Member(MEMBER(path))}
+#define TEXT(path, meaning) Key{FIELD(path), "", meaning, Member(MEMBER(path))}
+#define CHOICE(path, list, meaning) Key{FIELD(path), "", meaning, Member(MEMBER(path)), -kAny, kAny, list}
+#define PATH(path, meaning) Key{FIELD(path), "", meaning, Member(MEMBER(path)), -kAny, kAny, {}, true}
+
+const std::array kKeys{
+    TEXT(mission.name, "what the mission is called in reports"),
+    TEXT(mission.from, "body left at departure (name or NAIF number)"),
+    TEXT(mission.to, "body reached after `days` (name or NAIF number)"),
+    Key{FIELD(mission.departure), "", "epoch of departure, ISO 8601 with its scale; UTC where none is given", Member(MEMBER(mission.departure))},
+    NUMBER(mission.days, "d", 1.0, 3000.0, "time of flight, and how long the mission is flown"),
+    PATH(mission.trajectory_file, "SPK kernel or CCSDS OEM flown instead of a designed ballistic transfer; empty for none"),
+    TEXT(mission.trajectory_body, "whose states to take from an SPK (name or NAIF number); empty where the file holds one body only"),
+
+    PATH(data.ephemeris_file, "SPK kernel with Sun and planets; empty for the one that ships with astronav"),
+    PATH(data.catalogue_file, "star catalogue made by `astronav catalog import`; empty for the one that ships with astronav"),
+
+    NUMBER(conops.tracking_min, "min", 1.0, 1440.0, "time spent on each of the two beacons"),
+    NUMBER(conops.image_period_s, "s", 1.0, 3600.0, "time between images inside a tracking window"),
+    NUMBER(conops.slew_min, "min", 0.0, 1440.0, "time from the end of the first window to the start of the second"),
+    NUMBER(conops.cycle_days, "d", 0.1, 100.0, "from the start of one navigation cycle to the start of the next"),
+    NUMBER(conops.first_window_day, "d", 0.0, 1000.0, "start of the first navigation cycle after departure"),
+    NUMBER(conops.dither_px, "px", 0.0, 400.0, "offset of the pointing drawn for each image, 1 sigma per axis"),
+    NUMBER(conops.sun_exclusion_deg, "deg", 0.0, 90.0, "smallest angle between the Sun and a beacon that is looked at"),
+    NUMBER(conops.limiting_magnitude, "mag", -5.0, 15.0, "faintest beacon (V) that is looked at"),
+    NUMBER(conops.max_beacon_size_px, "px", 0.1, 1000.0, "largest apparent diameter of a beacon that is looked at"),
+
+    PATH(truth.camera.file, "the camera that takes the pictures: a file, or the name of one in scenarios/cameras"),
+    NUMBER(truth.camera.focal_error_relative, "", -0.1, 0.1, "true focal length over that of the file, less one"),
+    NUMBER(truth.camera.center_offset_u_px, "px", -100.0, 100.0, "true principal point less that of the file, along columns"),
+    NUMBER(truth.camera.center_offset_v_px, "px", -100.0, 100.0, "true principal point less that of the file, along rows"),
+    NUMBER(truth.camera.k1_error, "", -1.0, 1.0, "true radial distortion k1 less that of the file"),
+    NUMBER(truth.camera.psf_sigma_scale, "", 0.2, 5.0, "true width of the point-spread function over that of the file"),
+    NUMBER(truth.camera.psf_sigma_growth_px, "px", 0.0, 10.0, "how much wider (sigma) the true point-spread function is at the corner of the image"),
+    NUMBER(truth.camera.psf_halo_fraction, "", 0.0, 0.9, "share of the light in a wider halo that the onboard software does not know"),
+    NUMBER(truth.camera.psf_halo_sigma_px, "px", 0.5, 50.0, "width (sigma) of the halo"),
+    NUMBER(truth.camera.psf_halo_offset_u_px, "px", -10.0, 10.0, "displacement of the halo from the core, along columns"),
+    NUMBER(truth.camera.psf_halo_offset_v_px, "px", -10.0, 10.0, "displacement of the halo from the core, along rows"),
+
+    NUMBER(truth.dynamics.area_to_mass_cr_m2_kg, "m2/kg", 0.0, 10.0, "area over mass times reflectivity coefficient, for solar radiation pressure"),
+    NUMBER(truth.dynamics.srp_scale_error, "", -1.0, 10.0, "true solar radiation pressure over that of area_to_mass_cr, less one"),
+    NUMBER(truth.dynamics.unmodelled_acceleration_m_s2, "m/s2", 0.0, 1e-3, "size (1 sigma per axis) of a random acceleration that nobody models (first-order Gauss-Markov)"),
+    NUMBER(truth.dynamics.unmodelled_tau_days, "d", 0.01, 1000.0, "correlation time of that acceleration"),
+    SWITCH(truth.dynamics.relativity, "the Sun's first post-Newtonian term"),
+    TEXT(truth.dynamics.bodies, "whose gravity acts beside the Sun's"),
+
+    NUMBER(truth.pointing.jitter_arcsec, "arcsec", 0.0, 3600.0, "pointing error of each image beside the dither, 1 sigma per axis"),
+
+    SWITCH(truth.photocentre.on, "planets shine from their centre of light; false: from their centre of figure"),
+    NUMBER(truth.photocentre.scale, "", 0.0, 3.0, "true displacement of the centre of light over that of a Lambert sphere"),
+
+    PATH(onboard.camera.file, "the camera that the onboard software believes in"),
+
+    NUMBER(onboard.filter.initial_position_sigma_km, "km", 1e-3, 1e8, "initial position error, 1 sigma per axis: drawn for the truth and told to the filter"),
+    NUMBER(onboard.filter.initial_velocity_sigma_km_s, "km/s", 1e-9, 100.0, "initial velocity error, 1 sigma per axis: drawn for the truth and told to the filter"),
+    NUMBER(onboard.filter.acceleration_sigma_m_s2, "m/s2", 0.0, 1e-3, "unmodelled acceleration as the filter assumes it (first-order Gauss-Markov), 1 sigma per axis"),
+    NUMBER(onboard.filter.acceleration_tau_days, "d", 0.01, 1000.0, "its correlation time"),
+    NUMBER(onboard.filter.area_to_mass_cr_m2_kg, "m2/kg", 0.0, 10.0, "area over mass times reflectivity coefficient that the filter believes in"),
+    NUMBER(onboard.filter.camera_focal_sigma_px, "px", 0.0, 100.0, "focal length error that the filter allows for (first-order Gauss-Markov), 1 sigma"),
+    NUMBER(onboard.filter.camera_center_sigma_px, "px", 0.0, 100.0, "principal point error that the filter allows for (first-order Gauss-Markov), 1 sigma"),
+    NUMBER(onboard.filter.camera_tau_days, "d", 0.01, 10000.0, "correlation time of both"),
+    NUMBER(onboard.filter.ephemeris_sigma_km, "km", 0.0, 1e6, "error of a beacon's place that the filter allows for, 1 sigma per axis"),
+    NUMBER(onboard.filter.pixel_sigma_floor_px, "px", 0.0, 10.0, "smallest centroid sigma that the filter believes"),
+    NUMBER(onboard.filter.gate_probability, "", 0.5, 1.0, "measurement editing: share of good measurements that pass; 1 for no editing"),
+    SWITCH(onboard.filter.adaptive_r, "measurement noise from each image's own centroid and attitude covariance; false: constant"),
+    SWITCH(onboard.filter.photocentre, "centre of light of a Lambert sphere in the measurement model; false: centre of figure"),
+    SWITCH(onboard.filter.relativity, "the Sun's first post-Newtonian term in the filter's dynamics"),
+    TEXT(onboard.filter.bodies, "whose gravity the filter models beside the Sun's"),
+
+    CHOICE(onboard.vision.centroid_method, "moment psf_fit", "how the centre of a spot is found"),
+    NUMBER(onboard.vision.threshold_sigma, "", 1.0, 1000.0, "detection threshold above the background, in sigmas of the background"),
+    NUMBER(onboard.vision.star_max_v_mag, "mag", 2.0, 12.0, "faintest star (V) in the onboard catalogue"),
+    NUMBER(onboard.vision.max_stars, "", 4.0, 10000.0, "most stars that an attitude is fitted to, brightest first"),
+    NUMBER(onboard.vision.match_radius_px, "px", 0.05, 50.0, "how far a spot may lie from the star that it is taken for"),
+    NUMBER(onboard.vision.planet_gate_probability, "", 0.5, 1.0, "share of true planets that the search ellipse must hold"),
+
+    NUMBER(mil.line_of_sight_noise_arcsec, "arcsec", 0.0, 36000.0, "noise of the sights flown without images, 1 sigma per axis; 0: perfect"),
+
+    NUMBER(sky.max_v_mag, "mag", 0.0, 15.0, "faintest star (V) that is drawn"),
+};
+// clang-format on
+
+// Edit distance (Levenshtein).
+std::size_t distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i + 1;
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t substituted = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({row[j] + 1, row[j + 1] + 1, substituted});
+    }
+  }
+  return row.back();
+}
+
+std::string toml_string(std::string_view text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      out += '\\';
+      out += c;
+    } else if (static_cast<unsigned char>(c) < 0x20) {
+      out += fmt::format("\\u{:04x}", static_cast<unsigned>(c));
+    } else {
+      out += c;
+    }
+  }
+  return out + '"';
+}
+
+std::string text_of(double v) {
+  std::string s = fmt::format("{}", v);  // shortest that reads back to the same bits
+  if (s.find_first_of(".einf") == std::string::npos) s += ".0";
+  return s;
+}
+std::string text_of(int v) { return fmt::format("{}", v); }
+std::string text_of(bool v) { return v ? "true" : "false"; }
+std::string text_of(const std::string& v) { return toml_string(v); }
+std::string text_of(const Epoch& v) { return toml_string(v.iso(TimeScale::tdb, 9)); }
+std::string text_of(const std::vector<std::string>& v) {
+  std::string out = "[";
+  for (const std::string& item : v) out += (out.size() > 1 ? ", " : "") + toml_string(item);
+  return out + "]";
+}
+
+}  // namespace
+
+std::span<const Key> keys() { return kKeys; }
+
+const Key* find_key(std::string_view name) {
+  const auto it = std::find_if(kKeys.begin(), kKeys.end(), [&](const Key& key) { return key.name == name; });
+  return it == kKeys.end() ? nullptr : &*it;
+}
+
+std::string_view nearest_key(std::string_view name) {
+  return std::min_element(kKeys.begin(), kKeys.end(),
+                          [&](const Key& a, const Key& b) { return distance(name, a.name) < distance(name, b.name); })
+      ->name;
+}
+
+std::string_view section_of(std::string_view key) { return key.substr(0, key.rfind('.')); }
+std::string_view leaf_of(std::string_view key) { return key.substr(key.rfind('.') + 1); }
+
+std::string value_text(const Key& key, const Scenario& scenario) {
+  // The accessors hand out the address of a field; nothing is written through it here.
+  return std::visit([&](auto member) { return text_of(*member(const_cast<Scenario&>(scenario))); }, key.member);
+}
+
+}  // namespace astronav::scenario

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scenario: everything that one mission is flown with, as plain structs, read from TOML through one table of keys.
+//
+// The fields carry the units of their keys ("conops.tracking_min"); a field's initialiser below is the key's default. The
+// table (keys.h) gives every key its unit, range and meaning: parser, schema, documentation and the resolved scenario all
+// come out of it. Truth and onboard belief are kept apart. In a file, any number may be a distribution; Draft keeps it as
+// written, and resolve() draws it for one sample of one seed, so that the structs hold plain values.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "foundation/base/error.h"
+#include "foundation/time/epoch.h"
+#include "models/camera/camera.h"
+
+namespace astronav::scenario {
+
+struct Mission {
+  std::string name = "earth-mars-ballistic";
+  std::string from = "earth";
+  std::string to = "mars";
+  Epoch departure = Epoch::tdb_seconds(847454400.0);  // 2026-11-09T00:00:00 TDB
+  double days = 300.0;
+  std::string trajectory_file;  // SPK or OEM instead of a designed transfer
+  std::string trajectory_body;  // whose states to take from an SPK
+};
+
+struct Data {
+  std::string ephemeris_file;  // empty: the one that ships with astronav
+  std::string catalogue_file;
+};
+
+struct Conops {
+  double tracking_min = 60.0;
+  double image_period_s = 100.0;
+  double slew_min = 25.0;
+  double cycle_days = 10.0;  // from start to start
+  double first_window_day = 1.0;
+  double dither_px = 50.0;
+  double sun_exclusion_deg = 35.0;
+  double limiting_magnitude = 6.0;
+  double max_beacon_size_px = 3.0;
+};
+
+struct TruthCamera {
+  std::string file = "extrema-20deg";
+  double focal_error_relative = 0.0;
+  double center_offset_u_px = 0.0;
+  double center_offset_v_px = 0.0;
+  double k1_error = 0.0;
+  double psf_sigma_scale = 1.0;
+  double psf_sigma_growth_px = 0.02;
+  double psf_halo_fraction = 0.015;
+  double psf_halo_sigma_px = 2.5;
+  double psf_halo_offset_u_px = 0.0;
+  double psf_halo_offset_v_px = 0.0;
+};
+
+struct TruthDynamics {
+  double area_to_mass_cr_m2_kg = 0.026;
+  double srp_scale_error = 0.0;
+  double unmodelled_acceleration_m_s2 = 5e-9;
+  double unmodelled_tau_days = 5.0;
+  bool relativity = true;
+  std::vector<std::string> bodies = {"mercury", "venus",  "earth",  "moon",   "mars",
+                                     "jupiter", "saturn", "uranus", "neptune"};
+};
+
+struct TruthPointing {
+  double jitter_arcsec = 10.0;
+};
+
+struct TruthPhotocentre {
+  bool on = true;
+  double scale = 1.0;
+};
+
+struct Sky {
+  double max_v_mag = 8.0;
+};
+
+struct OnboardCamera {
+  std::string file = "extrema-20deg";
+};
+
+struct OnboardFilter {
+  double initial_position_sigma_km = 10000.0;
+  double initial_velocity_sigma_km_s = 0.1;
+  double acceleration_sigma_m_s2 = 1e-8;
+  double acceleration_tau_days = 5.0;
+  double area_to_mass_cr_m2_kg = 0.026;
+  double camera_focal_sigma_px = 0.1;
+  double camera_center_sigma_px = 0.3;
+  double camera_tau_days = 30.0;
+  double ephemeris_sigma_km = 1.0;
+  double pixel_sigma_floor_px = 0.01;
+  double gate_probability = 0.9999;
+  bool adaptive_r = true;
+  bool photocentre = true;
+  bool relativity = false;
+  std::vector<std::string> bodies = {"venus", "earth", "moon", "mars", "jupiter", "saturn"};
+};
+
+struct OnboardVision {
+  std::string centroid_method = "psf_fit";  // "moment" or "psf_fit"
+  double threshold_sigma = 6.0;
+  double star_max_v_mag = 7.0;
+  int max_stars = 80;
+  double match_radius_px = 2.0;
+  double planet_gate_probability = 0.9999;
+};
+
+struct Mil {
+  double line_of_sight_noise_arcsec = 0.07;
+};
+
+struct Scenario {
+  Mission mission;
+  Data data;
+  Conops conops;
+  struct Truth {
+    TruthCamera camera;
+    TruthDynamics dynamics;
+    TruthPointing pointing;
+    TruthPhotocentre photocentre;
+  } truth;
+  struct Onboard {
+    OnboardCamera camera;
+    OnboardFilter filter;
+    OnboardVision vision;
+  } onboard;
+  Mil mil;
+  Sky sky;
+};
+
+// The truth's camera: its file with the errors of [truth.camera] applied. The onboard camera: its file as it is.
+Result<Camera> truth_camera(const Scenario& scenario);
+Result<Camera> onboard_camera(const Scenario& scenario);
+
+// A scenario as written, before the dice are thrown.
+class Draft {
+ public:
+  // All defaults.
+  Draft() = default;
+  // invalid_argument with file:line:column; an unknown key names the nearest known one. A relative path in the file is
+  // taken from the folder of the file, where it exists there.
+  static Result<Draft> parse(std::string_view toml, std::string_view name_for_errors);
+  // A path, or the name of a file in scenarios/ without ".toml".
+  static Result<Draft> read(const std::filesystem::path& path_or_name);
+
+  // "conops.cycle_days=5", "truth.camera.psf_halo_fraction={ uniform = { min = 0.0, max = 0.02 } }"; strings may do
+  // without quotes.
+  Result<void> set(std::string_view key_equals_value);
+  // Every distribution drawn from RandomStream(seed, sample, 0, key). The same (seed, sample) gives the same scenario.
+  Result<Scenario> resolve(std::uint64_t seed, std::uint64_t sample = 0) const;
+
+  // What [run] of a resolved scenario says, so that flying such a file again repeats the run; 1, 0 and "" by default.
+  std::uint64_t seed() const { return seed_; }
+  std::uint64_t sample() const { return sample_; }
+  const std::string& level() const { return level_; }
+  // The keys that are distributions, for a campaign's report.
+  std::vector<std::string> distributions() const;
+  // All values as written or by default, in one fixed order: two drafts with the same text fly the same missions.
+  std::string to_toml() const;
+
+  // A value as written; Kind::text holds texts and epochs.
+  struct Value {
+    enum class Kind : unsigned char { number, gaussian, uniform, text, flag, names } kind = Kind::number;
+    double a = 0.0;  // number, mean or minimum
+    double b = 0.0;  // sigma or maximum
+    bool flag = false;
+    std::string text;
+    std::vector<std::string> names;
+    std::string where;  // file:line:column
+  };
+
+ private:
+  std::map<std::string, Value, std::less<>> values_;  // only what was written
+  std::uint64_t seed_ = 1;
+  std::uint64_t sample_ = 0;
+  std::string level_;
+};
+
+struct RunHeader {
+  std::string version;
+  std::string level;
+  std::uint64_t seed = 1;
+  std::uint64_t sample = 0;
+};
+// scenario.resolved.toml: every value used, and [run]; Draft::parse reads it back to the same values.
+std::string to_toml(const Scenario& scenario, const RunHeader& run);
+
+// Every key with unit, default, range and meaning: for a terminal, and as docs/scenario.md.
+std::string schema_text();
+std::string schema_markdown();
+
+}  // namespace astronav::scenario
