@@ -34,7 +34,7 @@ Result<BodyId> parse_body(std::string_view text);
 std::optional<BodyId> barycenter_of(BodyId id);
 
 struct BodyConstants {
-  double gm_m3_s2 = 0.0;            // DE440 (gm_de440.tpc)
+  double gm_m3_s2 = 0.0;             // DE440 (gm_de440.tpc)
   double equatorial_radius_m = 0.0;  // IAU 2015 (pck00011.tpc)
   double mean_radius_m = 0.0;
 };

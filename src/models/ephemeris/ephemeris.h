@@ -2,13 +2,16 @@
 // Ephemeris: states of bodies from SPK kernels that somebody else holds in memory.
 //
 // DAF container and SPK segments after NAIF's "DAF Required Reading" and "SPK Required Reading"; types 2 and 3
-// (Chebyshev), both byte orders. Centres are chained through the NAIF numbers (399 -> 3 -> 0). Where a planet's centre is
-// not in any kernel, its barycentre stands in; resolve() says so. Kernels named later take precedence, as in SPICE.
+// (Chebyshev), both byte orders. Centres are chained through the NAIF numbers (399 -> 3 -> 0). Where a planet's centre
+// is not in any kernel, its barycentre stands in; resolve() says so. Kernels named later take precedence, and within a
+// kernel the later segment, as in SPICE. Segments of other types or frames do not hinder opening; asking for them does
+// fail.
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include "foundation/base/error.h"
@@ -30,9 +33,10 @@ class Ephemeris {
     BodyId target;
     BodyId center;
     int type = 0;
+    int frame = 1;             // 1 is J2000, which stands for ICRF axes
     double begin_tdb_s = 0.0;  // seconds past J2000 TDB
     double end_tdb_s = 0.0;
-    int kernel = 0;            // index into the kernels given to open()
+    int kernel = 0;  // index into the kernels given to open()
     std::size_t first_byte = 0;
     std::size_t last_byte = 0;
     // Parsed once from the directory at the segment's end (types 2 and 3).
@@ -40,32 +44,66 @@ class Ephemeris {
     int record_doubles = 0, record_count = 0;
     bool swap_bytes = false;
   };
+  struct Span {
+    Epoch begin;
+    Epoch end;
+  };
 
-  // Checks every count and address before use; refuses a broken kernel with the byte offset. The bytes must outlive the
-  // object. Allocates here and never again.
+  // Checks every count and address before use; refuses a broken kernel with the byte offset (`kernel 0` or the place in
+  // the list is named where there are several). The bytes must outlive the object. Allocates here and never again.
   static Result<Ephemeris> open(std::span<const std::span<const std::byte>> kernels);
   static Result<Ephemeris> open(std::span<const std::byte> kernel);
 
   // State of `target` relative to `center` at an epoch, no light time. not_found (names the body), out_of_range (names
-  // the span covered). Does not allocate.
+  // the span covered), unsupported (names the SPK type), corrupt_data (byte offset). Does not allocate; safe to call
+  // from several threads.
   Result<State> state(BodyId target, BodyId center, Epoch epoch) const;
   // The body whose states are used where `id` is asked for: itself, or the barycentre standing in.
   Result<BodyId> resolve(BodyId id) const;
+  // From the first to the last moment for which some segment holds the body (gaps between segments are not looked for).
+  Result<Span> span(BodyId id) const;
 
   std::span<const Segment> segments() const { return segments_; }
 
  private:
-  std::vector<Segment> segments_;
+  struct Bodies {  // segments of one target in by_target_, the one that takes precedence first
+    std::int32_t target = 0;
+    std::uint32_t first = 0;
+    std::uint32_t count = 0;
+  };
+  // How a body hangs on another: its number, and the segment that leads on to its centre (none at the end).
+  static constexpr int kMaxDepth = 16;
+  struct Link {
+    std::int32_t body = 0;
+    const Segment* segment = nullptr;
+  };
+  struct Chain {
+    std::array<Link, kMaxDepth> links;
+    int size = 0;
+  };
+
+  const Bodies* find(std::int32_t target) const;
+  Result<const Segment*> choose(const Bodies& bodies, Epoch epoch) const;
+  Result<Chain> chain(BodyId from, Epoch epoch) const;
+  Result<void> add(const Segment& segment, const Epoch& epoch, double sign, State& sum) const;
+
+  std::vector<Segment> segments_;  // in the order of the files
+  std::vector<std::uint32_t> by_target_;
+  std::vector<Bodies> bodies_;  // sorted by target
+  std::vector<std::int32_t> centers_;
   std::vector<std::span<const std::byte>> kernels_;
 };
 
-// Light time. The exact solution of |p_target(t - tau) - p_observer(t)| = c tau by iteration.
+// Light time: the solution of |p_target(t - tau) - p_observer(t)| = c tau by iteration.
+// docs/theory/light-time-and-aberration.md eq. 1 and 2.
 struct LightTime {
-  State relative;             // target at t - tau minus observer at t; velocity of the target at t - tau minus the
-                              // observer's, times the rate of retarded time as in SPICE where asked for
+  // Target at t - tau minus observer at t, and the rate of that difference by t: the target's velocity counts
+  // (1 - d tau/dt) times. The same convention as SPICE's.
+  State relative;
   double light_time_s = 0.0;
 };
-// `iterations` < 0: to convergence (1e-12 s); 1: SPICE's "LT". The observer's state is barycentric.
+// `iterations` < 0: to convergence (the last step below 1e-12 s or the resolution of Epoch); 0: geometric, with
+// light_time_s = distance / c; 1: SPICE's "LT". The observer's state is barycentric (O, N). Does not allocate.
 Result<LightTime> light_time(const Ephemeris& ephemeris, BodyId target, const State& observer_O, Epoch epoch,
                              int iterations = -1);
 
