@@ -334,7 +334,7 @@ TEST_F(Raster, DamagedFilesNeverCrashAndStayQuiet) {
     return static_cast<std::size_t>((state >> 33) % below);
   };
   int errors = 0;
-  int truncations_accepted = 0;
+  std::map<std::string, int> accepted;  // truncated, yet read
   const auto try_one = [&](const std::string& bytes) {
     ASSERT_TRUE(write_file(file("damaged"), bytes));
     const Result<Picture> picture = read_picture(file("damaged"), {}, {.max_pixels = 4'000'000});
@@ -352,7 +352,7 @@ TEST_F(Raster, DamagedFilesNeverCrashAndStayQuiet) {
     for (std::size_t length = 0; length < good.size() - 64; length += step) {
       const int before = errors;
       try_one(good.substr(0, length));
-      if (errors == before) ++truncations_accepted;
+      if (errors == before) ++accepted[name];
     }
     for (int i = 0; i < 400; ++i) {
       std::string bytes = good;
@@ -373,8 +373,10 @@ TEST_F(Raster, DamagedFilesNeverCrashAndStayQuiet) {
   std::fclose(captured);
   EXPECT_EQ(noise, 0) << "bytes on standard error";
   EXPECT_GT(errors, 1000);
-  // Only the padding of a FITS file behind its last pixel may go.
-  EXPECT_LE(truncations_accepted, 60);
+  // Of a FITS file the padding behind the last pixel may be missing (1728 of 5760 bytes, cut in steps of 39).
+  EXPECT_LE(accepted["a.fits"], 45);
+  accepted.erase("a.fits");
+  EXPECT_TRUE(accepted.empty()) << accepted.begin()->first;
 }
 
 }  // namespace

@@ -46,7 +46,11 @@ int on_error(TIFF*, void* user, const char*, const char* format, va_list argumen
   if (source.message[0] == '\0') std::vsnprintf(source.message, sizeof source.message, format, arguments);
   return 1;
 }
-int on_warning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
+// Only a warning to libtiff: a tag whose values lie beyond the end of the file is left out. A picture without its colour
+// map would be a wrong one.
+int on_warning(TIFF* tiff, void* user, const char* module, const char* format, va_list arguments) {
+  return std::strncmp(format, "IO error", 8) == 0 ? on_error(tiff, user, module, format, arguments) : 1;
+}
 
 struct Close {
   void operator()(TIFF* tiff) const { TIFFClose(tiff); }
@@ -150,13 +154,13 @@ Result<Picture> read_tiff(Bytes file, const ReadLimits& limits) {
     return fail(ErrorCode::corrupt_data, "broken TIFF ({s})", {}, {},
                 source.message[0] != '\0' ? source.message : "it contradicts itself");
   };
-  if (!tiff) return broken();
+  if (!tiff || source.message[0] != '\0') return broken();
   const Layout layout = layout_of(tiff.get());
   if (const auto size = check_size(layout.width, layout.height, limits); !size) return forward(size);
   Picture picture;
   picture.pixels = ImageF(static_cast<int>(layout.width), static_cast<int>(layout.height));
   if (layout.plain() && TIFFIsTiled(tiff.get()) == 0) {
-    if (!read_plain(tiff.get(), layout, picture.pixels)) return broken();
+    if (!read_plain(tiff.get(), layout, picture.pixels) || source.message[0] != '\0') return broken();
     picture.bits = layout.bits;
     picture.white_level = layout.bits == 16 ? 65535 : 255;
     if (layout.format == SAMPLEFORMAT_IEEEFP) {
