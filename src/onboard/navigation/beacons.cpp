@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/navigation/beacons.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "foundation/math/rotation.h"
+#include "models/photometry/photometry.h"
+#include "onboard/navigation/measurement_model.h"
+
+namespace astronav::navigation {
+namespace {
+
+struct Neighbour {
+  BodyId body;
+  Vec3 direction_N;
+  double v_magnitude;
+};
+
+// Direction, brightness and size of a body; false where ephemeris or magnitude law lack it.
+bool observe(const Ephemeris& ephemeris, const State& observer, const State& sun, Epoch epoch, BodyId body,
+             BeaconCandidate& out) {
+  out.body = body;
+  const Result<State> place = ephemeris.state(body, body::solar_system_barycenter, epoch);
+  const Result<BodyConstants> constants = body_constants(body);
+  if (!place || !constants) return false;
+  const Sight sight = apparent_sight(observer, *place, sun.p_m, 0.0, {.centre_of_light = false});
+  const Illumination light{
+      .p_body_from_sun_N = observer.p_m + sight.p_body_from_observer_N - sun.p_m,
+      .p_body_from_observer_N = sight.p_body_from_observer_N,
+      .epoch = epoch - Duration::seconds(sight.light_time_s),
+  };
+  const Result<double> magnitude = planet_v_magnitude(body, light);
+  if (!magnitude) return false;
+  out.direction_N = sight.direction_N;
+  out.v_magnitude = *magnitude;
+  out.sun_elongation_rad = angle_between(sight.direction_N, sun.p_m - observer.p_m);
+  out.distance_m = sight.distance_m;
+  out.phase_angle_rad = phase_angle(light);
+  out.angular_diameter_rad = 2.0 * constants->mean_radius_m / sight.distance_m;
+  return true;
+}
+
+}  // namespace
+
+const char* name(BeaconVerdict verdict) {
+  switch (verdict) {
+    case BeaconVerdict::usable: return "usable";
+    case BeaconVerdict::sun_exclusion: return "Sun exclusion";
+    case BeaconVerdict::too_faint: return "too faint";
+    case BeaconVerdict::too_large: return "too large";
+    case BeaconVerdict::blended: return "close to another body";
+    case BeaconVerdict::no_ephemeris: return "not in the ephemeris";
+  }
+  return "";
+}
+
+const BeaconCandidate* BeaconSelection::best_single() const {
+  const BeaconCandidate* best = nullptr;
+  for (const BeaconCandidate& candidate : candidates())
+    if (candidate.usable() && (!best || candidate.sigma_across_m < best->sigma_across_m)) best = &candidate;
+  return best;
+}
+
+Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& observer, Epoch epoch,
+                                       const BeaconSettings& settings) {
+  const Result<State> sun = ephemeris.state(body::sun, body::solar_system_barycenter, epoch);
+  if (!sun) return forward(sun);
+
+  // What could stand beside a beacon: all planets and the Moon, whether candidates or not.
+  constexpr BodyId kBright[] = {body::mercury, body::venus, body::earth, body::moon, body::mars, body::jupiter, body::saturn};
+  std::array<Neighbour, std::size(kBright)> neighbours;
+  int neighbour_count = 0;
+  for (const BodyId body : kBright) {
+    BeaconCandidate seen;
+    if (observe(ephemeris, observer, *sun, epoch, body, seen))
+      neighbours[neighbour_count++] = {body, seen.direction_N, seen.v_magnitude};
+  }
+
+  BeaconSelection selection;
+  for (int i = 0; i < kMaxBeacons && settings.candidates[i] != BodyId{}; ++i) {
+    BeaconCandidate& candidate = selection.all[selection.candidate_count++];
+    if (!observe(ephemeris, observer, *sun, epoch, settings.candidates[i], candidate)) continue;
+    candidate.sigma_across_m =
+        std::hypot(candidate.distance_m * settings.sight_sigma_rad, settings.ephemeris_sigma_m[i]);
+    candidate.nearest_rad = kPi;
+    for (int k = 0; k < neighbour_count; ++k) {
+      const Neighbour& other = neighbours[k];
+      if (other.body == candidate.body || other.v_magnitude > candidate.v_magnitude + settings.blend_magnitudes) continue;
+      const double separation = angle_between(candidate.direction_N, other.direction_N);
+      if (separation >= candidate.nearest_rad) continue;
+      candidate.nearest_rad = separation;
+      candidate.nearest = other.body;
+    }
+    if (candidate.sun_elongation_rad < settings.sun_exclusion_rad) {
+      candidate.verdict = BeaconVerdict::sun_exclusion;
+    } else if (candidate.v_magnitude > settings.v_magnitude_limit) {
+      candidate.verdict = BeaconVerdict::too_faint;
+    } else if (candidate.angular_diameter_rad > settings.max_angular_diameter_rad) {
+      candidate.verdict = BeaconVerdict::too_large;
+    } else if (candidate.nearest_rad < settings.min_separation_rad) {
+      candidate.verdict = BeaconVerdict::blended;
+    } else {
+      candidate.verdict = BeaconVerdict::usable;
+    }
+  }
+
+  for (int i = 0; i < selection.candidate_count; ++i) {
+    for (int j = i + 1; j < selection.candidate_count; ++j) {
+      const BeaconCandidate* a = &selection.all[i];
+      const BeaconCandidate* b = &selection.all[j];
+      if (!a->usable() || !b->usable()) continue;
+      if (b->sigma_across_m < a->sigma_across_m) std::swap(a, b);
+      const double w1 = 1.0 / (a->sigma_across_m * a->sigma_across_m);
+      const double w2 = 1.0 / (b->sigma_across_m * b->sigma_across_m);
+      const double sine2 = a->direction_N.cross(b->direction_N).squaredNorm();
+      if (!(sine2 > 1e-12)) continue;
+      selection.ranked[selection.pair_count++] = {
+          a->body, b->body, angle_between(a->direction_N, b->direction_N),
+          std::sqrt(1.0 / (w1 + w2) + (w1 + w2) / (w1 * w2 * sine2))};
+    }
+  }
+  std::sort(selection.ranked.begin(), selection.ranked.begin() + selection.pair_count,
+            [](const BeaconPair& a, const BeaconPair& b) { return a.figure_of_merit_m < b.figure_of_merit_m; });
+  return selection;
+}
+
+}  // namespace astronav::navigation

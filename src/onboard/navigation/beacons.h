@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// Beacon selection: which two planets to track now, and why not the others.
+//
+// Two sights i with weight w_i = 1/((d_i s_i)^2 + e_i^2) and separation gamma fix a position with
+//   tr P = 1/(w1 + w2) + (w1 + w2)/(w1 w2 sin^2 gamma)                       (docs/theory/navigation.md eq. 16)
+// The pair with the least tr P among the usable beacons is best. No heap.
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "foundation/base/error.h"
+#include "foundation/time/epoch.h"
+#include "models/ephemeris/ephemeris.h"
+
+namespace astronav::navigation {
+
+inline constexpr int kMaxBeacons = 8;
+
+struct BeaconSettings {
+  std::array<BodyId, kMaxBeacons> candidates{body::mercury, body::venus,  body::earth,  body::mars,
+                                             body::jupiter, body::saturn, BodyId{}, BodyId{}};  // 0 ends the list
+  double sun_exclusion_rad = 35.0 * kDegree;        // least angle between beacon and Sun
+  double v_magnitude_limit = 6.0;
+  double max_angular_diameter_rad = 300.0 * kArcsecond;
+  // Another planet, or the Moon, nearer than this and less than `blend_magnitudes` fainter spoils the centroid.
+  double min_separation_rad = 210.0 * kArcsecond;
+  double blend_magnitudes = 5.0;
+  double sight_sigma_rad = 1.0 * kArcsecond;        // of a whole window's line of sight
+  std::array<double, kMaxBeacons> ephemeris_sigma_m{};  // per axis, in the order of the candidates
+};
+
+enum class BeaconVerdict : unsigned char { usable, sun_exclusion, too_faint, too_large, blended, no_ephemeris };
+// "usable", "Sun exclusion", "too faint", "too large", "close to another body", "not in the ephemeris".
+const char* name(BeaconVerdict verdict);
+
+struct BeaconCandidate {
+  BodyId body;
+  BeaconVerdict verdict = BeaconVerdict::no_ephemeris;
+  bool usable() const { return verdict == BeaconVerdict::usable; }
+  Vec3 direction_N = Vec3::Zero();  // apparent (light time, aberration)
+  double v_magnitude = 0.0;
+  double sun_elongation_rad = 0.0;
+  double distance_m = 0.0;
+  double phase_angle_rad = 0.0;
+  double angular_diameter_rad = 0.0;
+  double nearest_rad = 0.0;         // separation from the nearest body that could spoil it
+  BodyId nearest;                   // ... 0 where there is none
+  double sigma_across_m = 0.0;      // 1/sqrt(w): position sigma across its line of sight
+};
+
+struct BeaconPair {
+  BodyId first, second;             // the stronger one (larger w) first
+  double separation_rad = 0.0;
+  double figure_of_merit_m = 0.0;   // sqrt(tr P), 1 sigma
+};
+
+struct BeaconSelection {
+  std::array<BeaconCandidate, kMaxBeacons> all{};
+  int candidate_count = 0;
+  std::array<BeaconPair, kMaxBeacons*(kMaxBeacons - 1) / 2> ranked{};
+  int pair_count = 0;
+  std::span<const BeaconCandidate> candidates() const { return {all.data(), static_cast<std::size_t>(candidate_count)}; }
+  std::span<const BeaconPair> pairs() const { return {ranked.data(), static_cast<std::size_t>(pair_count)}; }  // best first
+  // The usable beacon with the least sigma_across_m, for when there is no pair; null where there is none.
+  const BeaconCandidate* best_single() const;
+};
+
+// `observer` is barycentric. Bodies that the ephemeris lacks get that verdict; out_of_range only where the Sun is lacking.
+Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& observer, Epoch epoch,
+                                       const BeaconSettings& settings);
+
+}  // namespace astronav::navigation

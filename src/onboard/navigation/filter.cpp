@@ -1,0 +1,344 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/navigation/filter.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace astronav::navigation {
+namespace {
+
+using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;
+
+// Derivative of the pixel by the whole (non-dimensional) state.
+MeasurementMatrix by_state(const PixelPrediction& prediction) {
+  MeasurementMatrix h = MeasurementMatrix::Zero();
+  h.middleCols<3>(index::position) = prediction.by_position * unit::length_m;
+  h.middleCols<3>(index::velocity) = prediction.by_velocity * unit::velocity_m_s;
+  h.middleCols<4>(index::camera) = prediction.by_camera;
+  return h;
+}
+
+// Centroid and attitude: e + H_theta theta with E[e theta'] = C.
+Mat2 noise_covariance(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
+  const Mat23& h = prediction.by_attitude;
+  const Mat2 cross = measurement.pixel_attitude_covariance * h.transpose();
+  return measurement.pixel_covariance_px2 + h * measurement.attitude_covariance_rad2 * h.transpose() + cross +
+         cross.transpose();
+}
+
+double mean_radius_m(BodyId body) {
+  const Result<BodyConstants> constants = body_constants(body);
+  return constants ? constants->mean_radius_m : 0.0;
+}
+
+bool is_covariance(const Mat2& m) { return m.allFinite() && m(0, 0) > 0.0 && m.determinant() > 0.0; }
+
+double smaller_eigenvalue(const Mat2& m) {
+  const double half_trace = 0.5 * m.trace();
+  return half_trace - std::sqrt(std::max(half_trace * half_trace - m.determinant(), 0.0));
+}
+
+double quadratic(const Vec2& v, const Mat2& m) { return v.dot(m.inverse() * v); }
+
+}  // namespace
+
+const char* name(UpdateReason reason) {
+  switch (reason) {
+    case UpdateReason::accepted: return "accepted";
+    case UpdateReason::gated: return "innovation beyond the gate";
+    case UpdateReason::out_of_view: return "prediction out of the camera's view";
+    case UpdateReason::no_ephemeris: return "no ephemeris";
+    case UpdateReason::before_filter: return "earlier than the filter's epoch";
+    case UpdateReason::bad_measurement: return "not a measurement";
+  }
+  return "";
+}
+
+Filter::Filter(const FilterSettings& settings, const Ephemeris& ephemeris)
+    : settings_(settings),
+      ephemeris_(&ephemeris),
+      process_(settings.process, ephemeris, settings.focal, settings.k1, settings.bias),
+      // Quantile of chi-square with two degrees of freedom, in closed form.
+      gate_(-2.0 * std::log1p(-std::min(settings.gate_probability, 1.0))) {}
+
+Result<void> Filter::initialise(const InitialState& initial) {
+  if (const Result<void> checked = process_.check(initial.epoch); !checked) return checked;
+  if (!initial.state.p_m.allFinite() || !initial.state.v_m_s.allFinite() || !initial.covariance.allFinite())
+    return fail(ErrorCode::invalid_argument, "the initial state or its covariance is not finite");
+  if (!(initial.mass_kg > 0.0) || !(initial.mass_sigma_kg >= 0.0))
+    return fail(ErrorCode::invalid_argument, "mass {0} kg with sigma {1} kg", {initial.mass_kg, initial.mass_sigma_kg});
+
+  const StateVector scales = state_scales();
+  StateVector x = StateVector::Zero();
+  x << initial.state.p_m, initial.state.v_m_s, initial.mass_kg, Eigen::Matrix<double, 10, 1>::Zero();
+  StateMatrix P = StateMatrix::Zero();
+  P.topLeftCorner<6, 6>() = initial.covariance;
+  const auto variance = [&P](int state, double sigma) { P(state, state) = sigma * sigma; };
+  variance(index::mass, initial.mass_sigma_kg);
+  for (int i = 0; i < 3; ++i) {
+    variance(index::acceleration + i, settings_.process.acceleration.sigma);
+    variance(index::thrust + i,
+             i == 0 ? settings_.process.thrust_magnitude.sigma : settings_.process.thrust_pointing.sigma);
+  }
+  variance(index::focal, settings_.focal.sigma);
+  variance(index::k1, settings_.k1.sigma);
+  variance(index::bias, settings_.bias.sigma);
+  variance(index::bias + 1, settings_.bias.sigma);
+
+  const StateVector inverse = scales.cwiseInverse();
+  const StateMatrix scaled = inverse.asDiagonal() * P * inverse.asDiagonal();
+  const Result<FactorisedCovariance> factors = factorise(scaled);
+  if (!factors) return forward(factors);
+
+  epoch_ = initial.epoch;
+  x_ = x.cwiseProduct(inverse);
+  covariance_ = *factors;
+  last_body_ = BodyId{};
+  last_image_.reset();
+  rejections_ = {};
+  noise_scales_ = {};
+  return {};
+}
+
+Result<void> Filter::propagate_to(Epoch epoch) {
+  if (epoch < epoch_)
+    return fail(ErrorCode::invalid_argument, "the filter does not go back by {0} s", {(epoch_ - epoch).seconds()});
+  Process::Step step;
+  while (epoch_ < epoch) {
+    const Result<Duration> longest = process_.step_length(epoch_, x_);
+    if (!longest) return forward(longest);
+    // Equal steps over what is left, so that none is a splinter.
+    const std::int64_t left = (epoch - epoch_).nanoseconds();
+    const std::int64_t steps = (left + longest->nanoseconds() - 1) / longest->nanoseconds();
+    const Duration h = Duration::nanoseconds((left + steps - 1) / steps);
+    StateVector x = x_;
+    if (const Result<void> done = process_.step(epoch_, h, thrust_, x, step); !done) return done;
+    x_ = x;
+    time_update(covariance_, step.phi, step.noise);
+    epoch_ = epoch_ + h;
+  }
+  return {};
+}
+
+Result<PixelPrediction> Filter::predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
+                                        const Vec3& p_sun) const {
+  const State observer{x.segment<3>(index::position) * unit::length_m,
+                       x.segment<3>(index::velocity) * unit::velocity_m_s};
+  const Sight sight = apparent_sight(observer, body, p_sun, mean_radius_m(measurement.body), settings_.sight);
+  return predict_pixel(sight, measurement.R_CN, settings_.camera, x.segment<4>(index::camera));
+}
+
+const BeaconErrors& Filter::errors_of(BodyId body) const {
+  static constexpr BeaconErrors kNone{};
+  for (const BeaconErrors& errors : settings_.beacon_errors)
+    if (errors.body == body && body != BodyId{}) return errors;
+  return kNone;
+}
+
+Filter::NoiseScale* Filter::scale_of(BodyId body) {
+  for (NoiseScale& scale : noise_scales_) {
+    if (scale.body == BodyId{}) scale.body = body;
+    if (scale.body == body) return &scale;
+  }
+  return nullptr;
+}
+
+double Filter::noise_scale(BodyId body) const {
+  if (!settings_.adaptive_noise) return 1.0;
+  for (const NoiseScale& scale : noise_scales_)
+    if (scale.body == body)
+      return (2.0 * settings_.adaptive_prior_count + scale.sum) / (2.0 * settings_.adaptive_prior_count + scale.count);
+  return 1.0;
+}
+
+// The bias forgets the last window: its rows leave the covariance, and come back with everything that will be the same in
+// all images of this one.
+void Filter::start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
+  const BeaconErrors& errors = errors_of(measurement.body);
+  const Mat23 by_body = errors.ephemeris_m * prediction.by_position;
+  const Vec2 by_shift = errors.photocentre_fraction * (prediction.by_direction * prediction.sight.shift_N);
+  const Mat2 covariance = settings_.bias.sigma * settings_.bias.sigma * Mat2::Identity() + by_body * by_body.transpose() +
+                          by_shift * by_shift.transpose();
+
+  StateMatrix phi = StateMatrix::Identity();
+  phi.bottomRightCorner<2, 2>().setZero();
+  ProcessNoise noise;
+  noise.n.setZero();
+  noise.q.setZero();
+  // covariance = L L', also where it is singular.
+  const double l00 = std::sqrt(covariance(0, 0));
+  const double l10 = l00 > 0.0 ? covariance(1, 0) / l00 : 0.0;
+  noise.n(index::bias, 0) = l00;
+  noise.n(index::bias + 1, 0) = l10;
+  noise.n(index::bias + 1, 1) = std::sqrt(std::max(covariance(1, 1) - l10 * l10, 0.0));
+  noise.q.head<2>().setOnes();
+  time_update(covariance_, phi, noise);
+  x_.segment<2>(index::bias).setZero();
+}
+
+// The rejected innovations agree with each other to within their noise, so it is the state that is wrong: position and
+// velocity covariance grow by the factor that makes the innovations' mean an ordinary one, within a bound.
+bool Filter::recover() {
+  const double n = rejections_.count;
+  const double mean2 = (rejections_.sum / n).squaredNorm();
+  const double scatter2 = rejections_.sum2 / n - mean2;
+  if (scatter2 > 4.0 * rejections_.noise / n) return false;
+  const double sigma = std::sqrt(covariance_pv().topLeftCorner<3, 3>().trace());
+  const double wanted = std::sqrt(mean2 / (rejections_.prior / n));
+  const double growth = std::min(wanted, settings_.recovery_max_position_sigma_m / sigma);
+  if (!(growth > 1.0)) return false;
+  StateMatrix phi = StateMatrix::Identity();
+  phi.diagonal().head<6>().setConstant(growth);
+  ProcessNoise none;
+  none.n.setZero();
+  none.q.setZero();
+  time_update(covariance_, phi, none);
+  return true;
+}
+
+UpdateResult Filter::update(const BeaconMeasurement& measurement) {
+  UpdateResult result;
+  const auto rejected = [&result](UpdateReason reason) {
+    result.accepted = false;
+    result.reason = reason;
+    return result;
+  };
+  if (!measurement.pixel.vec().allFinite() || !is_covariance(measurement.pixel_covariance_px2) ||
+      !measurement.attitude_covariance_rad2.allFinite() || !measurement.pixel_attitude_covariance.allFinite() ||
+      !measurement.R_CN.allFinite())
+    return rejected(UpdateReason::bad_measurement);
+  if (measurement.mid_exposure < epoch_) return rejected(UpdateReason::before_filter);
+  const Result<State> body =
+      ephemeris_->state(measurement.body, body::solar_system_barycenter, measurement.mid_exposure);
+  const Result<State> sun = ephemeris_->state(body::sun, body::solar_system_barycenter, measurement.mid_exposure);
+  if (!body || !sun || !propagate_to(measurement.mid_exposure)) return rejected(UpdateReason::no_ephemeris);
+
+  const bool same_window = last_image_ && last_body_ == measurement.body && epoch_ - *last_image_ <= settings_.window_gap;
+  if (last_body_ != measurement.body) rejections_ = {};
+  if (!same_window) x_.segment<2>(index::bias).setZero();
+  Result<PixelPrediction> prediction = predict(x_, measurement, *body, sun->p_m);
+  if (!prediction) return rejected(UpdateReason::out_of_view);
+  if (!same_window) {
+    start_window(measurement, *prediction);
+    result.window_started = true;
+  }
+  last_body_ = measurement.body;
+  last_image_ = epoch_;
+
+  const Mat2 unscaled_noise = noise_covariance(measurement, *prediction);
+  const Mat2 R = noise_scale(measurement.body) * unscaled_noise;
+  if (!is_covariance(R)) return rejected(UpdateReason::bad_measurement);
+  MeasurementMatrix h = by_state(*prediction);
+  const Vec2 z = measurement.pixel.vec();
+  const auto prior_covariance = [this](const MeasurementMatrix& by_x) -> Mat2 {
+    const MeasurementMatrix f = by_x * covariance_.u;
+    return f * covariance_.d.asDiagonal() * f.transpose();
+  };
+
+  result.predicted = {prediction->pixel.x(), prediction->pixel.y()};
+  result.innovation_px = z - prediction->pixel;
+  result.noise_covariance_px2 = R;
+  Mat2 prior = prior_covariance(h);
+  result.innovation_covariance_px2 = prior + R;
+  result.nis = quadratic(result.innovation_px, result.innovation_covariance_px2);
+
+  if (!(result.nis <= gate_)) {
+    rejections_.count += 1;
+    rejections_.sum += result.innovation_px;
+    rejections_.sum2 += result.innovation_px.squaredNorm();
+    rejections_.noise += R.trace();
+    rejections_.prior += prior.trace();
+    if (settings_.recovery_rejections <= 0 || rejections_.count < settings_.recovery_rejections)
+      return rejected(UpdateReason::gated);
+    result.recovered = recover();
+    rejections_ = {};
+    prior = prior_covariance(h);
+    result.innovation_covariance_px2 = prior + R;
+    result.nis = quadratic(result.innovation_px, result.innovation_covariance_px2);
+    if (!(result.nis <= gate_)) return rejected(UpdateReason::gated);
+  }
+  rejections_ = {};
+
+  // Iterated update (Jazwinski 1970, section 8.3): linearise anew where the last result put the state, until the pixel
+  // predicted there is what the linear model said to a fiftieth of the noise.
+  const StateVector before = x_;
+  const double tolerance = 0.02 * std::sqrt(smaller_eigenvalue(R));
+  MeasurementMatrix used = h;
+  for (result.iterations = 1;; ++result.iterations) {
+    used = h;
+    const Vec2 innovation = z - prediction->pixel - h * (before - x_);
+    const MeasurementMatrix f = h * covariance_.u;
+    const Mat2 S = f * covariance_.d.asDiagonal() * f.transpose() + R;
+    const StateVector weighted = covariance_.d.cwiseProduct(f.transpose() * (S.inverse() * innovation));
+    const StateVector next = before + covariance_.u * weighted;
+    const Vec2 linear = prediction->pixel + h * (next - x_);
+    x_ = next;
+    if (result.iterations >= settings_.max_iterations) break;
+    prediction = predict(x_, measurement, *body, sun->p_m);
+    if (!prediction) {
+      x_ = before;
+      return rejected(UpdateReason::out_of_view);
+    }
+    if ((prediction->pixel - linear).norm() <= tolerance) break;
+    h = by_state(*prediction);
+  }
+
+  // Two uncorrelated scalars of variance one.
+  const Mat2 whitening = Mat2(R.llt().matrixL()).inverse();
+  const MeasurementMatrix whitened = whitening * used;
+  measurement_update(covariance_, whitened.row(0).transpose(), 1.0);
+  measurement_update(covariance_, whitened.row(1).transpose(), 1.0);
+
+  if (settings_.adaptive_noise) {
+    // What the noise's normalised square is expected to be now that the measurement is in (Shumway & Stoffer 1982).
+    if (NoiseScale* scale = scale_of(measurement.body)) {
+      const Vec2 residual = result.innovation_px - used * (x_ - before);
+      const Mat2 expected = residual * residual.transpose() + prior_covariance(used);
+      const double memory = 1.0 - 1.0 / settings_.adaptive_memory_count;
+      scale->sum = memory * scale->sum + (unscaled_noise.inverse() * expected).trace();
+      scale->count = memory * scale->count + 2.0;
+    }
+  }
+  result.accepted = true;
+  result.reason = UpdateReason::accepted;
+  return result;
+}
+
+Result<DirectionPrediction> Filter::predict_direction(BodyId body) const {
+  const Result<State> place = ephemeris_->state(body, body::solar_system_barycenter, epoch_);
+  if (!place) return forward(place);
+  const Result<State> sun = ephemeris_->state(body::sun, body::solar_system_barycenter, epoch_);
+  if (!sun) return forward(sun);
+  const Sight sight = apparent_sight(state(), *place, sun->p_m, mean_radius_m(body), settings_.sight);
+  Eigen::Matrix<double, 3, 6> by_pv;
+  by_pv << sight.by_position, sight.by_velocity;
+  const BeaconErrors& errors = errors_of(body);
+  const Mat3 by_body = errors.ephemeris_m * sight.by_position;
+  const Vec3 by_shift = errors.photocentre_fraction * sight.shift_N;
+  return DirectionPrediction{sight.direction_N,
+                             by_pv * covariance_pv() * by_pv.transpose() + by_body * by_body.transpose() +
+                                 by_shift * by_shift.transpose(),
+                             sight.distance_m, sight.light_time_s};
+}
+
+State Filter::state() const {
+  return {x_.segment<3>(index::position) * unit::length_m, x_.segment<3>(index::velocity) * unit::velocity_m_s};
+}
+
+double Filter::mass_kg() const { return x_[index::mass]; }
+
+StateVector Filter::state_vector() const { return x_.cwiseProduct(state_scales()); }
+
+StateMatrix Filter::covariance() const {
+  const StateVector scales = state_scales();
+  return scales.asDiagonal() * covariance_.dense() * scales.asDiagonal();
+}
+
+Mat6 Filter::covariance_pv() const {
+  const Eigen::Matrix<double, 6, kStates> rows = covariance_.u.topRows<6>();
+  const Eigen::Matrix<double, 6, 1> scales = state_scales().head<6>();
+  return scales.asDiagonal() * (rows * covariance_.d.asDiagonal() * rows.transpose()) * scales.asDiagonal();
+}
+
+}  // namespace astronav::navigation

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+// Filter: where the spacecraft is, from pixels of planets. A 17-state extended Kalman filter in factorised form.
+//
+//   Filter filter(settings, ephemeris);                       // the ephemeris must outlive it
+//   filter.initialise({epoch, state, covariance, mass, mass_sigma});
+//   filter.propagate_to(epoch);                               // coast, slew
+//   const UpdateResult r = filter.update(measurement);        // moves on to mid-exposure by itself
+//
+// Covariance: P = U D U' in non-dimensional units; Thornton's modified weighted Gram-Schmidt in time, Bierman's update
+// (Bierman 1977, chapters V and VI), so that P stays symmetric and positive. No heap, no exceptions, bounded loops.
+// docs/theory/navigation.md.
+#pragma once
+
+#include <array>
+#include <optional>
+
+#include "foundation/base/error.h"
+#include "foundation/time/epoch.h"
+#include "models/camera/camera.h"
+#include "models/ephemeris/ephemeris.h"
+#include "onboard/navigation/measurement.h"
+#include "onboard/navigation/measurement_model.h"
+#include "onboard/navigation/process.h"
+#include "onboard/navigation/state.h"
+
+namespace astronav::navigation {
+
+// What the filter believes about errors that stay the same while one beacon is tracked, per body (1 sigma).
+struct BeaconErrors {
+  BodyId body;
+  double ephemeris_m = 0.0;           // per axis
+  double photocentre_fraction = 0.0;  // of the centre-of-light shift
+};
+
+struct FilterSettings {
+  ProcessSettings process;
+  SightSettings sight;
+  Intrinsics camera;  // as believed on board; xi_c corrects its focal length and k1
+
+  GaussMarkov focal{.sigma = 1e-5, .tau_s = 30.0 * 86400.0};  // relative
+  GaussMarkov k1{.sigma = 1e-4, .tau_s = 30.0 * 86400.0};
+  // Line-of-sight bias of a window, px per axis; 0.3 arcsec at 71 arcsec/px. Starts anew when the beacon changes or no
+  // image has come for `window_gap`.
+  GaussMarkov bias{.sigma = 0.004, .tau_s = 12.0 * 3600.0};
+  Duration window_gap = Duration::seconds(900.0);
+
+  double gate_probability = 0.9999;  // measurement editing: chi-square of 2 degrees; 1 takes everything
+  // After this many rejections in a row that agree with each other, the filter doubts itself: position and velocity
+  // covariance grow until the innovations fit. 0: never.
+  int recovery_rejections = 30;
+  double recovery_max_position_sigma_m = 3e8;
+  int max_iterations = 4;  // of the iterated update; more than one only where the sight bends within the prior
+
+  // Scale of R per beacon, learnt from past residuals (expectation-maximisation with an inverse-gamma prior of
+  // `adaptive_prior_count` measurements at scale 1 and forgetting over `adaptive_memory_count`).
+  bool adaptive_noise = false;
+  double adaptive_prior_count = 100.0;
+  double adaptive_memory_count = 500.0;
+
+  std::array<BeaconErrors, 8> beacon_errors{};  // unused entries have body 0
+};
+
+struct InitialState {
+  Epoch epoch;
+  State state;                            // barycentric
+  Mat6 covariance = Mat6::Zero();         // of position and velocity: m, m/s
+  double mass_kg = 25.0;
+  double mass_sigma_kg = 0.0;
+};
+
+enum class UpdateReason : unsigned char {
+  accepted,
+  gated,            // innovation beyond the gate
+  out_of_view,      // the prediction does not fall into the camera's half-space
+  no_ephemeris,     // body or epoch not covered
+  before_filter,    // mid-exposure earlier than the filter's epoch
+  bad_measurement,  // not finite, or a covariance that is none
+};
+const char* name(UpdateReason reason);
+
+struct UpdateResult {
+  bool accepted = false;
+  UpdateReason reason = UpdateReason::bad_measurement;
+  Pixel predicted;
+  Vec2 innovation_px = Vec2::Zero();                // measured minus predicted, before the update
+  Mat2 innovation_covariance_px2 = Mat2::Zero();    // S
+  Mat2 noise_covariance_px2 = Mat2::Zero();         // R: centroid, attitude and their correlation
+  double nis = 0.0;                                 // innovation' S^-1 innovation, 2 degrees of freedom
+  int iterations = 0;
+  bool window_started = false;                      // the line-of-sight bias was started anew
+  bool recovered = false;                           // the recovery rule enlarged the covariance before this update
+};
+
+// Apparent direction of a body as the filter expects it, for the image processing.
+struct DirectionPrediction {
+  Vec3 direction_N;             // light time, aberration, centre of light as in the settings; unit
+  Mat3 covariance;              // of the unit vector, N: position, velocity, ephemeris (rank 2)
+  double distance_m = 0.0;
+  double light_time_s = 0.0;
+};
+
+class Filter {
+ public:
+  Filter(const FilterSettings& settings, const Ephemeris& ephemeris);
+
+  // invalid_argument: a covariance that is not positive, values that are not finite, settings that make no sense.
+  Result<void> initialise(const InitialState& initial);
+  // To an epoch not before the filter's own. out_of_range (ephemeris), invalid_argument (backwards). On an error the
+  // filter stands at the last epoch it could reach.
+  Result<void> propagate_to(Epoch epoch);
+  UpdateResult update(const BeaconMeasurement& measurement);
+
+  // At the filter's epoch.
+  Result<DirectionPrediction> predict_direction(BodyId body) const;
+
+  // Thrust from now on, until the next call; force 0 (the default) is the ballistic mode.
+  void set_thrust(const Thrust& thrust) { thrust_ = thrust; }
+
+  Epoch epoch() const { return epoch_; }
+  State state() const;                   // barycentric, SI
+  double mass_kg() const;
+  StateVector state_vector() const;      // SI, order of state.h
+  StateMatrix covariance() const;        // SI
+  Mat6 covariance_pv() const;            // position and velocity, SI
+  double noise_scale(BodyId body) const;  // adaptive R, 1 where nothing was learnt
+  const FilterSettings& settings() const { return settings_; }
+
+ private:
+  struct NoiseScale {
+    BodyId body;
+    double sum = 0.0;    // forgotten sum of expected squared normalised noise
+    double count = 0.0;  // ... and of its degrees of freedom
+  };
+  struct Rejections {
+    int count = 0;
+    Vec2 sum = Vec2::Zero();
+    double sum2 = 0.0, noise = 0.0, prior = 0.0;  // traces, px2
+  };
+
+  Result<PixelPrediction> predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
+                                  const Vec3& p_sun) const;
+  void start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction);
+  bool recover();
+  const BeaconErrors& errors_of(BodyId body) const;
+  NoiseScale* scale_of(BodyId body);
+
+  FilterSettings settings_;
+  const Ephemeris* ephemeris_;
+  Process process_;
+  Thrust thrust_;
+  double gate_ = 0.0;
+  Epoch epoch_;
+  StateVector x_ = StateVector::Zero();  // non-dimensional
+  FactorisedCovariance covariance_;      // non-dimensional
+  BodyId last_body_;
+  std::optional<Epoch> last_image_;
+  Rejections rejections_;
+  std::array<NoiseScale, 8> noise_scales_{};
+};
+
+}  // namespace astronav::navigation

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// The 17 states of the filter, in one place: their order, meaning, scales and the Gauss-Markov laws that drive ten of them.
+//
+//   0..2   p       position, barycentric, ICRF axes (N), m
+//   3..5   v       velocity, N, m/s
+//   6      m       mass, kg. A ballistic arc sees it only through solar pressure (CR A / m), so its uncertainty also
+//                  stands for that of CR A
+//   7..9   xi_a    unmodelled acceleration, N, m/s2
+//   10..12 xi_T    thrust: relative error of magnitude; pointing angles towards e1 and e2 of the thrust frame, rad
+//   13..16 xi_c    camera: relative error of the focal length; error of k1; line-of-sight bias (u, v), px
+//
+// Why these four of the camera: with the attitude taken from the stars of the same frame, an error of cx, cy cancels to
+// first order. What stays is scale and radial distortion, and whatever is constant while one beacon is tracked (star
+// residuals, centroid S-curve, ephemeris and photocentre of the beacon): a bias that starts anew with every window.
+// docs/theory/navigation.md section 2.
+#pragma once
+
+#include "foundation/math/linear.h"
+#include "models/ephemeris/bodies.h"
+
+namespace astronav::navigation {
+
+inline constexpr int kStates = 17;
+namespace index {
+inline constexpr int position = 0, velocity = 3, mass = 6, acceleration = 7, thrust = 10, camera = 13;
+inline constexpr int focal = 13, k1 = 14, bias = 15;
+}  // namespace index
+
+using StateVector = Eigen::Matrix<double, kStates, 1>;
+using StateMatrix = Eigen::Matrix<double, kStates, kStates>;
+using Mat6 = Eigen::Matrix<double, 6, 6>;
+
+// First-order Gauss-Markov: xi' = -xi/tau + w, steady-state standard deviation sigma.
+struct GaussMarkov {
+  double sigma = 0.0;
+  double tau_s = 1.0;
+};
+
+// The filter's own units: AU, the time in which a planet at 1 AU moves by one radian (58 days), kg, px. Everything inside
+// Process and Filter is in these; the outside sees SI only.
+namespace unit {
+inline constexpr double length_m = kAstronomicalUnit;
+inline constexpr double time_s = 5022642.891;  // sqrt(AU^3 / GM_sun); only a scale, so its last digits do not matter
+inline constexpr double velocity_m_s = length_m / time_s;
+inline constexpr double acceleration_m_s2 = velocity_m_s / time_s;
+inline constexpr double gm_m3_s2 = length_m * length_m * acceleration_m_s2;
+}  // namespace unit
+
+// SI value of one unit of each state.
+StateVector state_scales();
+
+}  // namespace astronav::navigation
