@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulator/transfer/ballistic.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace astronav::transfer {
+namespace {
+
+// Unit vector of the part of `v` across `axis`; of `fallback` where v lies along it.
+Vec3 across(const Vec3& v, const Vec3& axis, const Vec3& fallback) {
+  const Vec3 unit = axis.normalized();
+  const Vec3 part = v - v.dot(unit) * unit;
+  if (part.norm() > 1e-6 * v.norm()) return part.normalized();
+  return (fallback - fallback.dot(unit) * unit).normalized();
+}
+
+// At the pericentre (radius rp) of the hyperbola that leaves with v_infinity, relative to the body. Of all the planes
+// that hold v_infinity, the one least inclined to the ICRF equator, prograde (docs/theory/dynamics.md eq. 8).
+State pericentre_state(const Vec3& v_infinity, double rp, double gm) {
+  const Vec3 s = v_infinity.normalized();
+  const Vec3 h = across(Vec3::UnitZ(), s, Vec3::UnitX());
+  const double e = 1.0 + rp * v_infinity.squaredNorm() / gm;
+  const double cos_nu = -1.0 / e;
+  const double sin_nu = std::sqrt(1.0 - cos_nu * cos_nu);
+  const Vec3 p = cos_nu * s - sin_nu * h.cross(s);
+  return {rp * p, std::sqrt(v_infinity.squaredNorm() + 2.0 * gm / rp) * h.cross(p)};
+}
+
+struct Hyperbola {
+  Vec3 v_infinity_in = Vec3::Zero();  // before the encounter
+  double pericentre_m = 0.0;
+};
+
+// Osculating hyperbola of a state relative to a body; for an ellipse v_infinity is zero.
+Hyperbola osculating(const State& s, double gm) {
+  const double r = s.p_m.norm();
+  const Vec3 h = s.p_m.cross(s.v_m_s);
+  const Vec3 e = s.v_m_s.cross(h) / gm - s.p_m / r;
+  Hyperbola out;
+  out.pericentre_m = h.squaredNorm() / gm / (1.0 + e.norm());
+  const double energy2 = s.v_m_s.squaredNorm() - 2.0 * gm / r;
+  if (energy2 <= 0.0) return out;
+  const double cos_nu = -1.0 / e.norm();
+  const Vec3 p = e.normalized();
+  const Vec3 q = h.normalized().cross(p);
+  // It comes from true anomaly -nu: the place is cos(nu) p - sin(nu) q, the way inwards its opposite.
+  out.v_infinity_in = std::sqrt(energy2) * (-cos_nu * p + std::sqrt(1.0 - cos_nu * cos_nu) * q);
+  return out;
+}
+
+class Shooter {
+ public:
+  Shooter(const dynamics::ForceModel& forces, const dynamics::PropagationSettings& propagation, State departure_body_O,
+          double pericentre_m, double departure_gm, Epoch departure, Epoch arrival)
+      : forces_(forces),
+        propagation_(propagation),
+        departure_body_O_(std::move(departure_body_O)),
+        pericentre_m_(pericentre_m),
+        departure_gm_(departure_gm),
+        departure_(departure),
+        arrival_(arrival) {}
+
+  Result<dynamics::Arc> fly(const Vec3& v_infinity) const {
+    const State relative = pericentre_state(v_infinity, pericentre_m_, departure_gm_);
+    return dynamics::propagate(forces_,
+                               {departure_body_O_.p_m + relative.p_m, departure_body_O_.v_m_s + relative.v_m_s},
+                               departure_, arrival_, propagation_);
+  }
+  // Barycentric place at the arrival epoch.
+  Result<Vec3> arrive(const Vec3& v_infinity) const {
+    auto arc = fly(v_infinity);
+    if (!arc) return forward(arc);
+    return arc->nodes().back().state.p_m;
+  }
+
+ private:
+  const dynamics::ForceModel& forces_;
+  dynamics::PropagationSettings propagation_;
+  State departure_body_O_;
+  double pericentre_m_, departure_gm_;
+  Epoch departure_, arrival_;
+};
+
+struct Solution {
+  Vec3 v_infinity = Vec3::Zero();
+  double miss_m = 0.0;
+  int iterations = 0;
+};
+
+// Newton's method with a numerical Jacobian; a step that makes things worse is halved.
+Result<Solution> correct(const Shooter& shooter, const Vec3& first_guess, const Vec3& aim, double tolerance_m) {
+  constexpr int kMostIterations = 30;
+  constexpr int kMostHalvings = 10;
+  constexpr double kProbe_m_s = 0.1;
+  constexpr double kLongestStep_m_s = 500.0;
+  Solution now{first_guess, 0.0, 0};
+  auto place = shooter.arrive(now.v_infinity);
+  if (!place) return forward(place);
+  Vec3 miss = aim - *place;
+  while (miss.norm() > tolerance_m) {
+    if (now.iterations == kMostIterations) break;
+    ++now.iterations;
+    Mat3 jacobian;
+    for (int i = 0; i < 3; ++i) {
+      auto probed = shooter.arrive(now.v_infinity + kProbe_m_s * Vec3::Unit(i));
+      if (!probed) return forward(probed);
+      jacobian.col(i) = (*probed - *place) / kProbe_m_s;
+    }
+    Vec3 step = jacobian.fullPivLu().solve(miss);
+    if (!step.allFinite()) break;
+    if (step.norm() > kLongestStep_m_s) step *= kLongestStep_m_s / step.norm();
+    bool better = false;
+    for (int halving = 0; halving < kMostHalvings && !better; ++halving, step *= 0.5) {
+      auto tried = shooter.arrive(now.v_infinity + step);
+      if (!tried) continue;  // a fall into a planet: a shorter step may miss it
+      if ((aim - *tried).norm() < miss.norm()) {
+        now.v_infinity += step;
+        place = tried;
+        miss = aim - *tried;
+        better = true;
+      }
+    }
+    if (!better) break;
+  }
+  now.miss_m = miss.norm();
+  if (now.miss_m > tolerance_m) {
+    return fail(ErrorCode::not_converged, "no ballistic transfer found: after {0} corrections the arrival misses by {1} km",
+                {static_cast<double>(now.iterations), now.miss_m * 1e-3});
+  }
+  return now;
+}
+
+}  // namespace
+
+Result<BallisticDesign> design_ballistic(const Ephemeris& ephemeris, BodyId from, BodyId to, Epoch departure,
+                                         Duration duration, const BallisticSettings& settings) {
+  const Epoch arrival = departure + duration;
+  const Epoch begin = departure + settings.coast_in;
+  const Epoch end = arrival - settings.coast_out;
+  if (settings.coast_in < Duration{} || settings.coast_out < Duration{} || end <= begin) {
+    return fail(ErrorCode::invalid_argument, "a transfer of {0} d has no cruise left after {1} d at its beginning and {2} d at its end",
+                {duration.days(), settings.coast_in.days(), settings.coast_out.days()});
+  }
+  const auto from_constants = body_constants(from);
+  if (!from_constants) return forward(from_constants);
+  const auto to_constants = body_constants(to);
+  if (!to_constants) return forward(to_constants);
+  if (!(settings.departure_altitude_m > 0.0) || !std::isfinite(settings.departure_altitude_m) ||
+      !(settings.miss_distance_m > to_constants->equatorial_radius_m) || !std::isfinite(settings.miss_distance_m)) {
+    return fail(ErrorCode::invalid_argument,
+                "the departure altitude ({0} km) must be above zero, the miss distance ({1} km) beyond the body's radius ({2} km)",
+                {settings.departure_altitude_m * 1e-3, settings.miss_distance_m * 1e-3,
+                 to_constants->equatorial_radius_m * 1e-3});
+  }
+
+  const auto leg = lambert_leg(ephemeris, from, to, departure, duration);
+  if (!leg) return forward(leg);
+  const auto forces = dynamics::ForceModel::create(ephemeris, settings.forces);
+  if (!forces) return forward(forces);
+  const auto from_O = ephemeris.state(from, body::solar_system_barycenter, departure);
+  if (!from_O) return forward(from_O);
+  const auto to_O = ephemeris.state(to, body::solar_system_barycenter, arrival);
+  if (!to_O) return forward(to_O);
+  const auto to_S = ephemeris.state(to, body::sun, arrival);
+  if (!to_S) return forward(to_S);
+
+  const Vec3 outwards = across(to_S->p_m, leg->v_infinity_arrival_m_s, Vec3::UnitZ());
+  const Vec3 aim = to_O->p_m + settings.miss_distance_m * outwards;
+  const Shooter shooter(*forces, settings.propagation, *from_O,
+                        from_constants->equatorial_radius_m + settings.departure_altitude_m, from_constants->gm_m3_s2,
+                        departure, arrival);
+  const auto solution = correct(shooter, leg->v_infinity_departure_m_s, aim, settings.position_tolerance_m);
+  if (!solution) return forward(solution);
+
+  const auto whole = shooter.fly(solution->v_infinity);
+  if (!whole) return forward(whole);
+  const auto initial = whole->at(begin);
+  if (!initial) return forward(initial);
+  auto cruise = dynamics::propagate(*forces, *initial, begin, arrival, settings.propagation);
+  if (!cruise) return forward(cruise);
+  const State last = cruise->nodes().back().state;
+  const Hyperbola encounter =
+      osculating({last.p_m - to_O->p_m, last.v_m_s - to_O->v_m_s}, to_constants->gm_m3_s2);
+  return BallisticDesign{.departure = departure,
+                         .arrival = arrival,
+                         .begin = begin,
+                         .end = end,
+                         .initial = *initial,
+                         .arc = std::move(*cruise),
+                         .lambert = *leg,
+                         .v_infinity_departure_m_s = solution->v_infinity,
+                         .v_infinity_arrival_m_s = encounter.v_infinity_in,
+                         .c3_m2_s2 = solution->v_infinity.squaredNorm(),
+                         .closest_approach_m = encounter.pericentre_m,
+                         .aim_error_m = (last.p_m - aim).norm(),
+                         .iterations = solution->iterations};
+}
+
+}  // namespace astronav::transfer
