@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// Summary: the figures of one run, or of several runs pooled, as summary.json holds them.
+//
+// Errors are estimate minus truth, in ICRF axes. "Steady" is from the fourth navigation cycle on, read when the second
+// tracking window of a cycle ends; "end of coast" is read where the long propagation ends. A figure that a run cannot have
+// (vision without images, steady state of a short mission) is NaN, and null in JSON. docs/theory/statistics.md.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "foundation/base/error.h"
+#include "foundation/math/statistics.h"
+#include "verification/loop/records.h"
+
+namespace astronav::loop {
+
+inline constexpr int kFirstSteadyCycle = 3;  // counted from 0
+
+struct ErrorFigures {
+  double final_rss = 0.0;                        // at the last instant of its kind
+  double steady_rms_rss = 0.0;                   // rms of the length of the error vector
+  std::array<double, 3> steady_3sigma_axis{};    // 3 x rms about zero
+  std::array<double, 3> formal_3sigma_axis{};    // 3 x rms of the filter's own sigma
+  double worst_axis() const { return std::max({steady_3sigma_axis[0], steady_3sigma_axis[1], steady_3sigma_axis[2]}); }
+  double worst_formal_axis() const { return std::max({formal_3sigma_axis[0], formal_3sigma_axis[1], formal_3sigma_axis[2]}); }
+};
+
+struct ErrorSummary : ErrorFigures {
+  ErrorFigures end_of_coast;
+};
+
+struct VisionSummary {
+  double attitude_success_rate = 0.0;  // found and right, over all images
+  double planet_success_rate = 0.0;
+  int false_planets = 0;
+  double centroid_error_px_1sigma = 0.0;  // stars, per axis
+  double planet_error_px_1sigma = 0.0;    // per axis
+  double attitude_cross_arcsec_1sigma = 0.0;  // per axis
+  double attitude_roll_arcsec_1sigma = 0.0;
+};
+
+struct Summary {
+  std::string level;
+  std::string version;
+  std::uint64_t seed = 1;
+  std::uint64_t sample = 0;
+  int runs = 1;  // how many were pooled
+  int cycles = 0;
+  int images = 0;
+  double duration_days = 0.0;
+
+  ErrorSummary position_error_km;
+  ErrorSummary velocity_error_m_s;
+
+  double nees_mean = 0.0;  // 6 states, steady
+  Band nees_band_95;
+  double nis_mean = 0.0;   // 2 degrees of freedom, all accepted measurements
+  Band nis_band_95;
+
+  VisionSummary vision;
+
+  double image_ms_median = 0.0;
+  double image_ms_p99 = 0.0;
+  StageTimes stage_ms;  // means per image
+  double peak_memory_mb = 0.0;
+  double wall_s = 0.0;
+
+  // What the figures rest on, so that runs can be pooled without their records.
+  int steady_count = 0;
+  int coast_count = 0;
+  double nees_effective_count = 0.0;  // independent windows worth
+  int nis_count = 0;
+  int edited_count = 0;  // planets found but not taken by the filter
+  int centroid_count = 0;
+  int planet_count = 0;
+  int attitude_count = 0;
+};
+
+Summary summarize(const Records& records);
+
+// Pools runs: mean squares weighted by their counts, medians of times. Needs one run at least.
+Summary pool(std::span<const Summary> runs);
+
+// Number of independent NEES values (6 states) that the steady windows of a run are worth. If the filter's covariance is
+// right, its errors are correlated from window to window by (I - K H) Phi = P+ (P-)^-1 Phi, and two NEES values by
+// 2 |P_k^-1/2 C_kj P_j^-1/2|^2; both follow from the covariances that the filter reports and the Sun's gravity along the
+// way. The mean NEES then has the spread of a chi-square of 6 x this number of degrees of freedom.
+double effective_windows(const Records& records);
+
+// summary.json, and back.
+std::string to_json(const Summary& summary, int indent = 2);
+Result<Summary> summary_from_json(std::string_view json, std::string_view name_for_errors);
+
+// What a person reads at the end of a run: a few lines.
+std::string to_text(const Summary& summary);
+// The same in one paragraph of plain words.
+std::string in_words(const Summary& summary);
+
+}  // namespace astronav::loop
