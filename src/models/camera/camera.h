@@ -71,11 +71,12 @@ struct Optics {
   std::vector<BandPoint> transmission;  // piecewise linear in wavelength, zero outside
 };
 
-// The truth's point-spread function: a Gaussian core whose width grows with the square of the field angle, a wider
-// Gaussian halo that may be displaced. Fractions of the energy. With halo_fraction = 0 it is a plain Gaussian.
+// The truth's point-spread function: a Gaussian core whose width grows with the square of the distance from the boresight's
+// pixel, and a wider Gaussian halo that may be displaced. Fractions of the energy. With halo_fraction = 0 it is a plain
+// Gaussian.
 struct PointSpread {
   double sigma_px = 0.8;
-  double sigma_growth_px = 0.0;    // added to sigma at the corner of the image
+  double sigma_growth_px = 0.0;    // added to sigma at half the image's diagonal
   double halo_fraction = 0.0;
   double halo_sigma_px = 3.0;
   double halo_offset_u_px = 0.0;

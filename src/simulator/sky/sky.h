@@ -19,7 +19,7 @@ enum class SourceKind : unsigned char { star, planet };
 struct SkySource {
   SourceKind kind = SourceKind::star;
   std::int64_t id = 0;       // Hipparcos number, or NAIF number
-  Vec3 direction_N;          // apparent unit vector: where a camera at rest with the observer sees it
+  Vec3 direction_N = Vec3::Zero();  // apparent unit vector: where a camera at rest with the observer sees it
   double v_mag = 0.0;
   double b_v = 0.65;
   BandFlux flux;
