@@ -31,13 +31,20 @@ T read(std::span<const std::byte> bytes, std::size_t offset) {
   return value;
 }
 
-Vec3 center(const Cell& cell) { return {cell.center[0], cell.center[1], cell.center[2]}; }
+Vec3 center(const Cell& cell) {
+  return {cell.center[0], cell.center[1], cell.center[2]};
+}
 Vec3 scaled_direction(const Record& r) {
-  return {static_cast<double>(r.direction[0]), static_cast<double>(r.direction[1]), static_cast<double>(r.direction[2])};
+  return {static_cast<double>(r.direction[0]), static_cast<double>(r.direction[1]),
+          static_cast<double>(r.direction[2])};
 }
 
-std::size_t cell_offset(std::size_t cell) { return sizeof(Header) + cell * sizeof(Cell); }
-std::size_t record_offset(std::size_t cells, std::size_t star) { return cell_offset(cells) + star * sizeof(Record); }
+std::size_t cell_offset(std::size_t cell) {
+  return sizeof(Header) + cell * sizeof(Cell);
+}
+std::size_t record_offset(std::size_t cells, std::size_t star) {
+  return cell_offset(cells) + star * sizeof(Record);
+}
 
 Result<Header> check_header(std::span<const std::byte> file) {
   if (file.size() < sizeof(Header)) {
@@ -78,9 +85,11 @@ Result<void> check_cell(std::span<const std::byte> file, const Header& header, s
   const auto cell = read<Cell>(file, offset);
   const bool unit_center = std::abs(center(cell).squaredNorm() - 1.0) < 1e-12;
   const bool unit_radius =
-      std::abs(cell.cos_radius * cell.cos_radius + cell.sin_radius * cell.sin_radius - 1.0) < 1e-12 && cell.sin_radius >= 0;
+      std::abs(cell.cos_radius * cell.cos_radius + cell.sin_radius * cell.sin_radius - 1.0) < 1e-12 &&
+      cell.sin_radius >= 0;
   if (!unit_center || !unit_radius) {
-    return fail(ErrorCode::corrupt_data, "the cell at byte {0} is not a cap of the sphere", {static_cast<double>(offset)});
+    return fail(ErrorCode::corrupt_data, "the cell at byte {0} is not a cap of the sphere",
+                {static_cast<double>(offset)});
   }
   if (cell.first != expected_first || cell.count > header.star_count - expected_first) {
     return fail(ErrorCode::corrupt_data, "the cell at byte {0} holds stars {1} to {2}, but should begin at {3}",

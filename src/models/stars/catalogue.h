@@ -15,13 +15,13 @@
 namespace astronav {
 
 struct Star {
-  std::uint32_t id = 0;            // Hipparcos number, or 1e9 + a running number for stars of other catalogues
+  std::uint32_t id = 0;              // Hipparcos number, or 1e9 + a running number for stars of other catalogues
   Vec3 direction_N = Vec3::UnitZ();  // unit vector at J2000.0 (ICRS), as seen from the solar-system barycentre
-  double pm_ra_cosdec_rad_yr = 0;  // proper motion
+  double pm_ra_cosdec_rad_yr = 0;    // proper motion
   double pm_dec_rad_yr = 0;
-  double parallax_rad = 0;         // as measured: may be negative
+  double parallax_rad = 0;  // as measured: may be negative
   float v_mag = 0;
-  float b_v = 0;                   // B-V; NaN where unknown
+  float b_v = 0;  // B-V; NaN where unknown
 };
 
 class StarCatalogue {
@@ -46,8 +46,8 @@ class StarCatalogue {
   std::size_t size_ = 0;
 };
 
-// Unit vector (N) towards a star at an epoch from a place (barycentric, metres): uniform motion in space, so along a great
-// circle, parallax, and the travel time of light across the solar system; no aberration. The same as SOFA's Pmpx.
+// Unit vector (N) towards a star at an epoch from a place (barycentric, metres): uniform motion in space, so along a
+// great circle, parallax, and the travel time of light across the solar system; no aberration. The same as SOFA's Pmpx.
 // Radial velocity is not known to the catalogue and taken as zero, a negative parallax as none.
 Vec3 star_direction(const Star& star, Epoch epoch, const Vec3& p_observer_O_N);
 
