@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/vision/attitude.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <cmath>
+
+#include "foundation/base/check.h"
+#include "foundation/math/rotation.h"
+
+namespace astronav::vision {
+namespace {
+
+constexpr int kMaxParameters = 7;
+using Jacobian = Eigen::Matrix<double, 2, Eigen::Dynamic, 0, 2, kMaxParameters>;
+using Normal = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxParameters, kMaxParameters>;
+using Parameters = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxParameters, 1>;
+
+// Columns of IntrinsicsJacobian.
+enum { kFx, kFy, kCx, kCy, kK1, kK2, kK3, kP1, kP2 };
+
+}  // namespace
+
+Result<Mat3> attitude_from_directions(std::span<const Vec3> directions_C, std::span<const Vec3> directions_N) {
+  ASTRONAV_CHECK_OP(directions_C.size(), ==, directions_N.size());
+  Mat3 profile = Mat3::Zero();
+  for (std::size_t i = 0; i < directions_C.size(); ++i) profile += directions_C[i] * directions_N[i].transpose();
+  const Eigen::JacobiSVD<Mat3> svd(profile, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  if (!(svd.singularValues()(1) > 1e-12 * svd.singularValues()(0)))
+    return fail(ErrorCode::not_converged, "the directions do not fix an attitude");
+  const double sign = svd.matrixU().determinant() * svd.matrixV().determinant();
+  return Mat3(svd.matrixU() * Vec3(1.0, 1.0, sign).asDiagonal() * svd.matrixV().transpose());
+}
+
+Result<AttitudeFit> fit_attitude(std::span<StarSight> sights, const Mat3& first_R_CN, const Intrinsics& camera,
+                                 const AttitudeOptions& options) {
+  const CameraFreedom& freedom = options.freedom;
+  const int n = 3 + freedom.count();
+  AttitudeFit fit;
+  fit.R_CN = first_R_CN;
+  fit.camera = camera;
+  Normal information(n, n);
+  Parameters gradient(n);
+  bool settled = false;
+  for (int iteration = 0; iteration <= options.max_iterations; ++iteration) {
+    information.setZero();
+    gradient.setZero();
+    int used = 0;
+    double chi2 = 0.0, sum2 = 0.0;
+    for (StarSight& sight : sights) {
+      const Vec3 direction_C = fit.R_CN * sight.direction_N;
+      Mat23 by_direction;
+      IntrinsicsJacobian by_camera;
+      const Result<Pixel> predicted = project(fit.camera, direction_C, &by_direction, &by_camera);
+      sight.used = false;
+      if (!predicted) continue;
+      sight.residual_px = sight.pixel.vec() - predicted->vec();
+      Mat2 covariance = sight.covariance_px2;
+      covariance.diagonal().array() += options.extra_sigma_px * options.extra_sigma_px;
+      const Mat2 weight = covariance.inverse();
+      const double d2 = sight.residual_px.dot(weight * sight.residual_px);
+      // The first two steps take all that came in: the start may be some pixels off.
+      if (iteration >= 2 && d2 > options.gate_sigma * options.gate_sigma) continue;
+      sight.used = true;
+      ++used;
+      Jacobian jacobian(2, n);
+      jacobian.leftCols<3>() = by_direction * cross_matrix(direction_C);  // eq. 10
+      int column = 3;
+      if (freedom.focal_length) jacobian.col(column++) = by_camera.col(kFx) + by_camera.col(kFy);
+      if (freedom.k1) jacobian.col(column++) = by_camera.col(kK1);
+      if (freedom.tangential) {
+        jacobian.col(column++) = by_camera.col(kP1);
+        jacobian.col(column++) = by_camera.col(kP2);
+      }
+      // Far-off stars pull with a bounded force while the start is rough (Huber).
+      const double distance = std::sqrt(d2);
+      const double pull = iteration < 2 && distance > options.gate_sigma ? options.gate_sigma / distance : 1.0;
+      information.noalias() += pull * jacobian.transpose() * weight * jacobian;
+      gradient.noalias() += pull * jacobian.transpose() * weight * sight.residual_px;
+      chi2 += d2;
+      sum2 += sight.residual_px.squaredNorm();
+    }
+    if (2 * used < n + 1)
+      return fail(ErrorCode::not_converged, "{0} stars are too few for {1} parameters",
+                  {static_cast<double>(used), static_cast<double>(n)});
+    fit.used = used;
+    fit.residual_rms_px = std::sqrt(sum2 / (2.0 * used));
+    fit.chi2_per_dof = chi2 / (2.0 * used - n);
+    const Eigen::LDLT<Normal> ldlt(information);
+    if (ldlt.info() != Eigen::Success || !ldlt.isPositive())
+      return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
+    if (settled || iteration == options.max_iterations) {
+      const Normal covariance = ldlt.solve(Normal::Identity(n, n));
+      fit.covariance_rad2 = covariance.topLeftCorner<3, 3>();
+      if (!fit.covariance_rad2.allFinite()) return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
+      return fit;
+    }
+    const Parameters step = ldlt.solve(gradient);
+    if (!step.allFinite()) return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
+    const Vec3 theta = step.head<3>();
+    fit.R_CN = rotation_exp(-theta) * fit.R_CN;
+    int column = 3;
+    if (freedom.focal_length) {
+      // fx and fy change by the same amount: square pixels stay square.
+      fit.camera.fx_px += step(column);
+      fit.camera.fy_px += step(column);
+      ++column;
+    }
+    if (freedom.k1) fit.camera.distortion.k1 += step(column++);
+    if (freedom.tangential) {
+      fit.camera.distortion.p1 += step(column++);
+      fit.camera.distortion.p2 += step(column++);
+    }
+    if (!(fit.camera.fx_px > 0.0)) return fail(ErrorCode::not_converged, "the focal length ran away");
+    // 0.1 milliarcsecond; at least one step with the gate at work.
+    settled = iteration >= 2 && theta.norm() < 5e-10;
+  }
+  return fail(ErrorCode::internal, "unreachable");
+}
+
+}  // namespace astronav::vision

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// Attitude from matched stars: a first guess from directions, then least squares on pixels with every centroid's own
+// covariance (docs/theory/vision.md eq. 9 to 12).
+//
+// Error convention: theta (rad, camera axes) with R_CN_true = exp(-[theta]x) R_CN. The covariance is the inverse of the
+// normal matrix. Does not allocate.
+#pragma once
+
+#include <span>
+
+#include "foundation/base/error.h"
+#include "foundation/math/linear.h"
+#include "models/camera/camera.h"
+
+namespace astronav::vision {
+
+struct StarSight {
+  Pixel pixel;
+  Mat2 covariance_px2 = Mat2::Identity();
+  Vec3 direction_N;                 // apparent
+  bool used = true;                 // in: take part; out: took part
+  Vec2 residual_px = Vec2::Zero();  // out: measured minus predicted
+};
+
+// Davenport's problem solved through the SVD of the attitude profile matrix (Markley 1988). Directions in C and N in step;
+// not_converged for fewer than two, or all in a line of sight.
+Result<Mat3> attitude_from_directions(std::span<const Vec3> directions_C, std::span<const Vec3> directions_N);
+
+// What is solved for beside the attitude.
+struct CameraFreedom {
+  bool focal_length = false;  // fx and fy together
+  bool k1 = false;
+  bool tangential = false;    // p1, p2
+  int count() const { return (focal_length ? 1 : 0) + (k1 ? 1 : 0) + (tangential ? 2 : 0); }
+};
+
+struct AttitudeOptions {
+  CameraFreedom freedom;
+  double extra_sigma_px = 0.0;   // added in quadrature to every centroid: what is wrong with camera and catalogue
+  double gate_sigma = 5.0;       // a star farther off than this (Mahalanobis) is left out, and tried again next time
+  int max_iterations = 12;
+};
+
+struct AttitudeFit {
+  Mat3 R_CN = Mat3::Identity();
+  Mat3 covariance_rad2 = Mat3::Zero();  // the solved-for camera parameters are accounted for
+  Intrinsics camera;
+  int used = 0;
+  double residual_rms_px = 0.0;   // per axis, over the stars used
+  double chi2_per_dof = 0.0;
+};
+
+// From a first attitude within some pixels of the truth. not_converged where too few stars are left (fewer than 2 plus
+// half the extra parameters) or the normal matrix is singular.
+Result<AttitudeFit> fit_attitude(std::span<StarSight> sights, const Mat3& first_R_CN, const Intrinsics& camera,
+                                 const AttitudeOptions& options = {});
+
+}  // namespace astronav::vision

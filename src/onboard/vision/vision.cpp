@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/vision/vision.h"
+
+#include <algorithm>
+#include <chrono>
+
+namespace astronav::vision {
+namespace {
+
+double now_ms() {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+IdentifySettings with_psf(IdentifySettings settings, const SensorModel& sensor) {
+  settings.psf_sigma_px = sensor.psf_sigma_px;
+  return settings;
+}
+
+}  // namespace
+
+Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const SensorModel& sensor,
+               const StarField& field, const PairIndex& index)
+    : settings_(settings),
+      finder_(settings.centroids, sensor, camera.width_px, camera.height_px),
+      identifier_(field, index, camera, with_psf(settings.identify, sensor),
+                  static_cast<std::size_t>(settings.centroids.max_centroids)) {
+  const auto spots = static_cast<std::size_t>(settings.centroids.max_centroids);
+  centroids_.resize(spots);
+  stars_.resize(spots);
+  is_star_.resize(spots);
+  planets_.resize(settings.max_planets);
+}
+
+const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const Observer& observer,
+                                   const std::optional<Mat3>& prior_R_CN,
+                                   std::span<const PlanetPrediction> predictions) {
+  ASTRONAV_CHECK_OP(predictions.size(), <=, planets_.size());
+  const double begin = now_ms();
+  result_ = FrameResult{};
+  const std::size_t spots = finder_.find(frame, centroids_, &result_.level);
+  result_.centroids = std::span<const Centroid>(centroids_.data(), spots);
+  const double centroided = now_ms();
+
+  Result<Identification> known = fail(ErrorCode::no_match, "no prior attitude");
+  if (prior_R_CN) known = identifier_.track(result_.centroids, observer, *prior_R_CN, settings_.prior_radius_px, stars_);
+  result_.source = AttitudeSource::prior;
+  if (!known) {
+    known = identifier_.lost_in_space(result_.centroids, observer, stars_);
+    result_.source = AttitudeSource::lost_in_space;
+  }
+  if (known) {
+    result_.attitude = known->attitude;
+    result_.stars = std::span<const MatchedStar>(stars_.data(), known->matched);
+    result_.hypotheses = known->hypotheses;
+  } else {
+    result_.source = AttitudeSource::none;
+  }
+  const double identified = now_ms();
+
+  std::fill(is_star_.begin(), is_star_.end(), static_cast<unsigned char>(0));
+  for (const MatchedStar& star : result_.stars) is_star_[star.centroid] = 1;
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    planets_[i] = PlanetMatch{};
+    planets_[i].body = predictions[i].body;
+    if (!known) continue;
+    planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
+                              std::span<const unsigned char>(is_star_.data(), spots), settings_.planets);
+    if (planets_[i].found) is_star_[planets_[i].centroid] = 1;
+  }
+  result_.planets = std::span<const PlanetMatch>(planets_.data(), predictions.size());
+  const double done = now_ms();
+  result_.time_ms = {centroided - begin, identified - centroided, done - identified, done - begin};
+  return result_;
+}
+
+}  // namespace astronav::vision

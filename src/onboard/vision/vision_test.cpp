@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/vision/vision.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstdlib>
+#include <new>
+
+#include "foundation/math/rotation.h"
+#include "foundation/math/statistics.h"
+#include "models/aberration/aberration.h"
+#include "onboard/vision/synthetic_frame_for_tests.h"
+#include "onboard/vision/synthetic_sky_for_tests.h"
+
+namespace {
+std::atomic<bool> g_counting{false};
+std::atomic<long> g_allocations{0};
+}  // namespace
+
+// Every allocation of this program passes here.
+void* operator new(std::size_t size) {
+  if (g_counting) ++g_allocations;
+  if (void* p = std::malloc(size)) return p;
+  std::abort();
+}
+void operator delete(void* p) noexcept { std::free(p); }
+void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+
+namespace astronav::vision {
+namespace {
+
+using testing::sky;
+using testing::Truth;
+
+constexpr double kElectronsV0 = 2.28e6;  // the 20-degree camera, solar colour
+
+Intrinsics camera20() { return Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree); }
+
+Mat3 random_attitude(RandomStream& random) {
+  return R_CN_from_pointing({random.uniform(0.0, 2.0 * kPi), std::asin(random.uniform(-1.0, 1.0)),
+                             random.uniform(0.0, 2.0 * kPi)});
+}
+
+// A frame of the real sky as a Gaussian camera sees it. `extra`: more sources.
+struct Scene {
+  Observer observer;
+  Mat3 R_CN;
+  ImageU16 image{1024, 1024};
+};
+struct Source {
+  Pixel pixel;
+  double electrons;
+};
+void paint(Scene& scene, const Truth& truth, const Intrinsics& camera, RandomStream& random,
+           std::span<const Source> extra = {}) {
+  ImageF electrons(1024, 1024, 0.0f);
+  for (const FieldStar& star : sky().field.stars()) {
+    const Vec3 direction = scene.R_CN * sky().field.apparent(star, scene.observer);
+    if (direction.z() < 0.9) continue;
+    const Result<Pixel> p = project(camera, direction);
+    if (!p || p->u < -10 || p->v < -10 || p->u > 1034 || p->v > 1034) continue;
+    add_source(electrons, truth, p->u, p->v, kElectronsV0 * std::pow(10.0, -0.4 * star.v_mag));
+  }
+  for (const Source& s : extra) add_source(electrons, truth, s.pixel.u, s.pixel.v, s.electrons);
+  expose(electrons, truth, random, scene.image);
+}
+
+Observer moving() {
+  Observer observer;
+  observer.epoch = Epoch::tdb_seconds(27.0 * 365.25 * 86400.0);
+  observer.p_O_N = Vec3(1.2, 0.6, 0.2) * 1.5e11;
+  observer.v_O_N = Vec3(-14e3, 21e3, 9e3);
+  return observer;
+}
+
+TEST(Vision, FindsItsWayFromNothing) {
+  const Truth truth;
+  Vision vision({}, camera20(), testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 7, .purpose = "lost in space"});
+  constexpr int kFrames = 25;
+  int solved = 0;
+  double chi2 = 0.0, worst_cross = 0.0, matched = 0.0;
+  std::vector<double> total_ms, centroid_ms, identify_ms;
+  double worst_ms = 0.0;
+  for (int k = 0; k < kFrames; ++k) {
+    Scene scene{moving(), random_attitude(random)};
+    paint(scene, truth, camera20(), random);
+    const FrameResult& result = vision.process(scene.image, scene.observer);
+    if (result.source == AttitudeSource::none) continue;
+    ++solved;
+    const Vec3 theta = -rotation_log(scene.R_CN * result.attitude.R_CN.transpose());
+    worst_cross = std::max(worst_cross, theta.head<2>().norm());
+    chi2 += theta.dot(result.attitude.covariance_rad2.inverse() * theta);
+    matched += static_cast<double>(result.stars.size());
+    total_ms.push_back(result.time_ms.total);
+    centroid_ms.push_back(result.time_ms.centroid);
+    identify_ms.push_back(result.time_ms.identify);
+    worst_ms = std::max(worst_ms, result.time_ms.total);
+  }
+  std::printf("  %d of %d, %.0f stars a frame, chi2/3 %.3f, worst cross-axis %.2f arcsec; ms: centroid %.2f identify %.2f "
+              "total %.2f worst %.2f\n",
+              solved, kFrames, matched / solved, chi2 / (3.0 * solved), worst_cross / kArcsecond, median(centroid_ms),
+              median(identify_ms), median(total_ms), worst_ms);
+  EXPECT_EQ(solved, kFrames);
+  EXPECT_LT(worst_cross, 1.5 * kArcsecond);
+  // False alarm 1 in 1000.
+  EXPECT_TRUE(chi_square_mean_band(0.999, 3, solved).contains(chi2 / solved)) << chi2 / solved;
+}
+
+TEST(Vision, FollowsAPriorAndAllocatesNothing) {
+  const Truth truth;
+  Vision vision({}, camera20(), testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 8, .purpose = "prior"});
+  for (int k = 0; k < 5; ++k) {
+    Scene scene{moving(), random_attitude(random)};
+    paint(scene, truth, camera20(), random);
+    const Mat3 prior =
+        rotation_exp(Vec3(random.normal(), random.normal(), random.normal()) * 100.0 * kArcsecond) * scene.R_CN;
+    g_allocations = 0;
+    g_counting = true;
+    const FrameResult& tracked = vision.process(scene.image, scene.observer, prior);
+    const long with_prior = g_allocations;
+    const AttitudeSource source = tracked.source;
+    const double ms = tracked.time_ms.total;
+    const FrameResult& lost = vision.process(scene.image, scene.observer);
+    g_counting = false;
+    EXPECT_EQ(source, AttitudeSource::prior);
+    EXPECT_EQ(lost.source, AttitudeSource::lost_in_space);
+    EXPECT_EQ(with_prior, 0);
+    EXPECT_EQ(g_allocations, 0);
+    std::printf("  tracked in %.2f ms\n", ms);
+  }
+}
+
+}  // namespace
+}  // namespace astronav::vision
