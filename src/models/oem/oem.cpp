@@ -51,8 +51,9 @@ class Parser {
       if (auto r = segment(); !r) return forward(r);
     }
     if (oem_.states.empty()) return error("the message holds no segment (META_START)", Place{line_.place.line, 1});
-    std::stable_sort(oem_.covariances.begin(), oem_.covariances.end(),
-                     [](const auto& a, const auto& b) { return a.epoch < b.epoch; });
+    // Not stable_sort: its buffer does not honour the alignment of Eigen's matrices.
+    std::sort(oem_.covariances.begin(), oem_.covariances.end(),
+              [](const auto& a, const auto& b) { return a.epoch < b.epoch; });
     return std::move(oem_);
   }
 
@@ -501,7 +502,7 @@ std::string to_text(const Oem& oem) {
   for (std::size_t i = 0; i < oem.states.size(); ++i) {
     const Vec3 p = oem.states[i].p_m * 1e-3;
     const Vec3 v = oem.states[i].v_m_s * 1e-3;
-    fmt::format_to(out, "{} {:.12f} {:.12f} {:.12f} {:.15f} {:.15f} {:.15f}\n", iso(oem.epochs[i]), p.x(), p.y(), p.z(),
+    fmt::format_to(out, "{} {:.9f} {:.9f} {:.9f} {:.12f} {:.12f} {:.12f}\n", iso(oem.epochs[i]), p.x(), p.y(), p.z(),
                    v.x(), v.y(), v.z());
   }
   if (!oem.covariances.empty()) {

@@ -43,7 +43,7 @@ struct Oem {
 
 // corrupt_data (breaks the format), unsupported (a frame, time system or jump between segments that is not handled).
 Result<Oem> parse_oem(std::string_view text, std::string_view name_for_errors);
-// As CCSDS_OEM_VERS 3.0, one segment, frame ICRF; nm and pm/s, so that doubles survive. Needs at least one state.
+// As CCSDS_OEM_VERS 3.0, one segment, frame ICRF, rounded to um and nm/s. Needs at least one state.
 std::string to_text(const Oem& oem);
 
 }  // namespace astronav

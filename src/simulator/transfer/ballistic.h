@@ -25,8 +25,8 @@ struct BallisticSettings {
   Duration coast_in = Duration::days(3.0);
   Duration coast_out = Duration::days(3.0);
   double position_tolerance_m = 1e3;  // at the aim point
-  dynamics::ForceSettings forces;
-  dynamics::PropagationSettings propagation;
+  dynamics::ForceSettings forces = {};
+  dynamics::PropagationSettings propagation = {};
 };
 
 struct BallisticDesign {

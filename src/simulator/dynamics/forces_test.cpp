@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulator/dynamics/forces.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "foundation/files/mapped_file.h"
+#include "foundation/math/statistics.h"
+
+namespace astronav::dynamics {
+namespace {
+
+struct Kernel {
+  MappedFile file = MappedFile::open(home_directory() / "data/de405_2000_2050.bsp").value();
+  Ephemeris ephemeris = Ephemeris::open(file.bytes()).value();
+};
+const Ephemeris& ephemeris() {
+  static const Kernel kernel;
+  return kernel.ephemeris;
+}
+Epoch when() { return Epoch::parse("2027-03-01T00:00:00 TDB").value(); }
+
+ForceSettings only(std::vector<BodyId> bodies) {
+  return {.bodies = std::move(bodies), .relativity = false, .srp_cr_area_over_mass_m2_kg = 0.0};
+}
+
+// One astronomical unit from the Sun, off every plane; at rest with respect to it.
+State beside_sun(double distance_m) {
+  const State sun = ephemeris().state(body::sun, body::solar_system_barycenter, when()).value();
+  return {sun.p_m + distance_m * Vec3(2.0, 3.0, 6.0) / 7.0, sun.v_m_s};
+}
+
+TEST(Forces, SunAlone) {
+  const auto model = ForceModel::create(ephemeris(), only({body::sun}));
+  ASSERT_TRUE(model) << describe(model.error());
+  const Vec3 a = model->acceleration(when(), beside_sun(kAstronomicalUnit)).value();
+  // GM of the Sun 1.32712440041e20 m^3/s^2 over the astronomical unit squared.
+  EXPECT_NEAR(a.norm(), 5.930083e-3, 1e-9);
+  EXPECT_LT((a.normalized() + Vec3(2.0, 3.0, 6.0) / 7.0).norm(), 1e-12) << "towards the Sun";
+}
+
+TEST(Forces, EarthPullsAsGM) {
+  const auto model = ForceModel::create(ephemeris(), only({body::earth}));
+  ASSERT_TRUE(model) << describe(model.error());
+  State s = ephemeris().state(body::earth, body::solar_system_barycenter, when()).value();
+  s.p_m += Vec3(0.0, 42164.17e3, 0.0);
+  const Vec3 a = model->acceleration(when(), s).value();
+  // The pull on a geostationary satellite: the rate of the sidereal day squared times its radius.
+  EXPECT_NEAR(-a.y(), 7.292115e-5 * 7.292115e-5 * 42164.17e3, 2e-6);
+}
+
+TEST(Forces, MoonAndEarthAreApart) {
+  const auto model = ForceModel::create(ephemeris(), only({body::moon}));
+  ASSERT_TRUE(model) << describe(model.error());
+  State s = ephemeris().state(body::moon, body::solar_system_barycenter, when()).value();
+  s.p_m += Vec3(1737.4e3, 0.0, 0.0);
+  EXPECT_NEAR(model->acceleration(when(), s).value().x(), -1.625, 0.002) << "gravity on the Moon's surface";
+}
+
+TEST(Forces, SolarPressure) {
+  ForceSettings settings = only({});
+  settings.srp_cr_area_over_mass_m2_kg = 0.026;
+  const auto model = ForceModel::create(ephemeris(), settings);
+  ASSERT_TRUE(model);
+  const Vec3 near = model->acceleration(when(), beside_sun(kAstronomicalUnit)).value();
+  const Vec3 far = model->acceleration(when(), beside_sun(2.0 * kAstronomicalUnit)).value();
+  EXPECT_NEAR(near.norm(), 1.1856e-7, 1e-11);
+  EXPECT_NEAR(near.norm() / far.norm(), 4.0, 1e-9);
+  EXPECT_GT(near.dot(Vec3(2.0, 3.0, 6.0)), 0.0) << "away from the Sun";
+  settings.srp_scale = 1.1;
+  const auto scaled = ForceModel::create(ephemeris(), settings);
+  EXPECT_NEAR(scaled->acceleration(when(), beside_sun(kAstronomicalUnit)).value().norm() / near.norm(), 1.1, 1e-12);
+}
+
+TEST(Forces, ErrorsAreHandedOn) {
+  const auto unknown = ForceModel::create(ephemeris(), only({BodyId{-12345}}));
+  EXPECT_FALSE(unknown);
+  const auto model = ForceModel::create(ephemeris());
+  ASSERT_TRUE(model);
+  const auto late = model->acceleration(Epoch::parse("2150-01-01T00:00:00 TDB").value(), State{});
+  ASSERT_FALSE(late);
+  EXPECT_EQ(late.error().code, ErrorCode::out_of_range);
+}
+
+TEST(UnmodelledAcceleration, IsTheSameForTheSameSeed) {
+  const UnmodelledSettings settings{.sigma_m_s2 = 1e-8};
+  const auto draw = [&](std::uint64_t seed, double days) {
+    RandomStream stream(StreamId{.seed = seed, .purpose = "unmodelled acceleration"});
+    return UnmodelledAcceleration::draw(settings, when(), when() + Duration::days(days), stream).value();
+  };
+  const auto a = draw(1, 100.0), b = draw(1, 300.0), c = draw(2, 100.0);
+  const Epoch later = when() + Duration::days(33.3);
+  EXPECT_EQ(a.at(later), b.at(later)) << "the span does not matter";
+  EXPECT_NE(a.at(later), c.at(later));
+  EXPECT_EQ(a.at(when() - Duration::seconds(1.0)), Vec3::Zero());
+  EXPECT_EQ(a.at(when() + Duration::days(101.0)), Vec3::Zero());
+  EXPECT_NE(a.at(when() + Duration::days(100.0)), Vec3::Zero());
+  // Linear between the knots.
+  const Epoch knot = when() + Duration::days(10.0);
+  const Vec3 half = 0.5 * (a.at(knot) + a.at(knot + Duration::days(0.25)));
+  EXPECT_LT((a.at(knot + Duration::days(0.125)) - half).norm(), 1e-20);
+}
+
+TEST(UnmodelledAcceleration, Knots) {
+  RandomStream stream(StreamId{.purpose = "knots"});
+  const auto a = UnmodelledAcceleration::draw({.sigma_m_s2 = 1.0}, when(), when() + Duration::days(1.0), stream).value();
+  const auto day = [](double d) { return when() + Duration::days(d); };
+  EXPECT_EQ(a.next_knot(day(0.0), day(9.0)), day(0.25));
+  EXPECT_EQ(a.next_knot(day(0.1), day(9.0)), day(0.25));
+  EXPECT_EQ(a.next_knot(day(0.1), day(0.2)), day(0.2));
+  EXPECT_EQ(a.next_knot(day(-5.0), day(9.0)), day(0.0));
+  EXPECT_EQ(a.next_knot(day(1.0), day(9.0)), day(9.0));
+  EXPECT_EQ(a.next_knot(day(9.0), day(-9.0)), day(1.0));
+  EXPECT_EQ(a.next_knot(day(0.5), day(-9.0)), day(0.25));
+  EXPECT_EQ(a.next_knot(day(0.6), day(-9.0)), day(0.5));
+  EXPECT_EQ(a.next_knot(day(0.0), day(-9.0)), day(-9.0));
+  EXPECT_EQ(UnmodelledAcceleration().next_knot(day(0.0), day(9.0)), day(9.0));
+}
+
+// Variance and correlation of an Ornstein-Uhlenbeck process. 3 x 20,000 values at half the correlation time: about
+// 15,000 independent ones, so sigma^2 has a standard deviation of 1.0 to 1.2 % and the correlation of 0.007; the limits
+// are 5 of them (false alarms below 1e-5).
+TEST(UnmodelledAcceleration, HasItsVarianceAndCorrelation) {
+  RandomStream stream(StreamId{.seed = 3, .purpose = "statistics"});
+  const UnmodelledSettings settings{.sigma_m_s2 = 2e-8, .tau = Duration::days(5.0), .grid = Duration::days(2.5)};
+  const int count = 20000;
+  const auto a =
+      UnmodelledAcceleration::draw(settings, when(), when() + settings.grid * count, stream).value();
+  double square = 0.0, product = 0.0;
+  Vec3 before = a.at(when());
+  for (int i = 1; i <= count; ++i) {
+    const Vec3 now = a.at(when() + settings.grid * i);
+    square += now.squaredNorm() / (3.0 * count);
+    product += now.dot(before) / (3.0 * count);
+    before = now;
+  }
+  EXPECT_NEAR(square / 4e-16, 1.0, 0.06);
+  EXPECT_NEAR(product / square, std::exp(-0.5), 0.035);
+}
+
+TEST(UnmodelledAcceleration, RefusesNonsense) {
+  RandomStream stream(StreamId{});
+  EXPECT_FALSE(UnmodelledAcceleration::draw({.sigma_m_s2 = -1.0}, when(), when(), stream));
+  EXPECT_FALSE(UnmodelledAcceleration::draw({.sigma_m_s2 = std::nan("")}, when(), when(), stream));
+  EXPECT_FALSE(UnmodelledAcceleration::draw({.sigma_m_s2 = 1.0, .tau = Duration{}}, when(), when(), stream));
+  EXPECT_FALSE(UnmodelledAcceleration::draw({.sigma_m_s2 = 1.0}, when(), when() - Duration::days(1.0), stream));
+  EXPECT_FALSE(UnmodelledAcceleration::draw({}, when(), when(), stream)->active());
+}
+
+}  // namespace
+}  // namespace astronav::dynamics
