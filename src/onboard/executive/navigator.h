@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// Navigator: the onboard software as a whole: chooses beacons, says where to point, turns frames into updates.
+//
+//   Navigator navigator(settings, ephemeris, &vision);
+//   navigator.start(initial);
+//   navigator.coast_to(window_begin);
+//   const auto beacons = navigator.select();          // which two planets to track
+//   navigator.aim(body, epoch);                       // where the camera must look
+//   navigator.look(frame, mid_exposure, body);        // image -> attitude -> planet -> filter
+//
+// No heap, no exceptions, no files.
+#pragma once
+
+#include <cstdint>
+
+#include "foundation/base/error.h"
+#include "foundation/image/image.h"
+#include "foundation/time/epoch.h"
+#include "models/ephemeris/ephemeris.h"
+#include "onboard/navigation/beacons.h"
+#include "onboard/navigation/filter.h"
+#include "onboard/vision/vision.h"
+
+namespace astronav::executive {
+
+struct NavigatorSettings {
+  navigation::FilterSettings filter;
+  navigation::BeaconSettings beacons;
+};
+
+// What became of one frame.
+struct Look {
+  const vision::FrameResult* frame = nullptr;  // valid until the next frame
+  vision::PlanetPrediction prediction;         // what the image processing was told
+  bool measured = false;                       // attitude and planet were found
+  navigation::BeaconMeasurement measurement;
+  navigation::UpdateResult update;             // where measured
+};
+
+class Navigator {
+ public:
+  // The ephemeris (and the eyes, where there are any) must outlive it. Without eyes only use() feeds the filter.
+  Navigator(const NavigatorSettings& settings, const Ephemeris& ephemeris, vision::Vision* eyes);
+
+  Result<void> start(const navigation::InitialState& initial);
+  Result<void> coast_to(Epoch epoch);
+
+  // The beacons for a cycle, from where the spacecraft believes it is at the filter's epoch.
+  Result<navigation::BeaconSelection> select() const;
+  // Apparent direction (N) to point the camera at; the filter is taken to the epoch.
+  Result<Vec3> aim(BodyId body, Epoch epoch);
+
+  // One frame, its mid-exposure epoch, and the beacon that is being tracked. not-found attitude or planet is no error.
+  Result<Look> look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon);
+  // A measurement that somebody else made.
+  navigation::UpdateResult use(const navigation::BeaconMeasurement& measurement) { return filter_.update(measurement); }
+
+  const navigation::Filter& filter() const { return filter_; }
+
+ private:
+  NavigatorSettings settings_;
+  const Ephemeris* ephemeris_;
+  vision::Vision* eyes_;
+  navigation::Filter filter_;
+};
+
+}  // namespace astronav::executive

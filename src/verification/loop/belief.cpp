@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "verification/loop/belief.h"
+
+#include <cstddef>
+#include <string>
+
+#include "foundation/math/statistics.h"
+
+namespace astronav::loop {
+
+Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, const Camera& camera, Level level) {
+  const scenario::OnboardFilter& belief = s.onboard.filter;
+  navigation::FilterSettings settings;
+  settings.process.attractors = {};
+  std::size_t count = 0;
+  settings.process.attractors[count++] = body::sun;
+  for (const std::string& text : belief.bodies) {
+    Result<BodyId> id = parse_body(text);
+    if (!id) return forward(id, "onboard.filter.bodies");
+    if (*id != body::earth && *id != body::moon && barycenter_of(*id)) id = *barycenter_of(*id);
+    if (*id == body::sun) continue;
+    if (count == settings.process.attractors.size()) {
+      return fail(ErrorCode::limit_exceeded, "the filter takes at most {0} attracting bodies beside the Sun",
+                  {static_cast<double>(settings.process.attractors.size() - 1)}, "onboard.filter.bodies");
+    }
+    settings.process.attractors[count++] = *id;
+  }
+  settings.process.reflectivity_area_m2 = belief.area_to_mass_cr_m2_kg * kBelievedMassKg;
+  settings.process.acceleration = {.sigma = belief.acceleration_sigma_m_s2, .tau_s = belief.acceleration_tau_days * 86400.0};
+  settings.camera = camera.intrinsics;
+  settings.sight.centre_of_light = belief.photocentre;
+  settings.gate_probability = belief.gate_probability;
+  for (std::size_t i = 0; i < settings.beacon_errors.size(); ++i) {
+    static constexpr BodyId planets[] = {body::mercury, body::venus,  body::earth,  body::mars,
+                                         body::jupiter, body::saturn, body::uranus, body::moon};
+    settings.beacon_errors[i] = {planets[i], belief.ephemeris_sigma_km * 1e3, 0.0};
+  }
+  if (level == Level::mil) {
+    settings.focal.sigma = settings.k1.sigma = settings.bias.sigma = 0.0;
+    settings.adaptive_noise = false;
+    for (auto& e : settings.beacon_errors) e.ephemeris_m = 0.0;
+  } else {
+    settings.focal.sigma = belief.camera_focal_relative_sigma;
+    settings.k1.sigma = belief.camera_k1_sigma;
+    settings.focal.tau_s = settings.k1.tau_s = belief.camera_tau_days * 86400.0;
+    settings.bias = {.sigma = belief.window_bias_sigma_px, .tau_s = belief.window_bias_tau_hours * 3600.0};
+    settings.adaptive_noise = belief.adaptive_r;
+  }
+  return settings;
+}
+
+vision::VisionSettings vision_settings(const scenario::Scenario& s) {
+  const scenario::OnboardVision& belief = s.onboard.vision;
+  vision::VisionSettings settings;
+  settings.centroids.method =
+      belief.centroid_method == "psf_fit" ? vision::CentroidMethod::psf_fit : vision::CentroidMethod::squared_intensity;
+  settings.centroids.threshold_sigma = belief.threshold_sigma;
+  settings.identify.match_px = belief.match_radius_px;
+  settings.planets.gate_d2 = chi_square_quantile(belief.planet_gate_probability, 2.0);
+  return settings;
+}
+
+navigation::BeaconSettings beacon_settings(const scenario::Scenario& s, const Camera& camera) {
+  navigation::BeaconSettings settings;
+  settings.sun_exclusion_rad = s.conops.sun_exclusion_deg * kDegree;
+  settings.v_magnitude_limit = s.conops.limiting_magnitude;
+  settings.max_angular_diameter_rad = s.conops.max_beacon_size_px * camera.intrinsics.plate_scale_rad_px();
+  return settings;
+}
+
+Result<executive::CycleSettings> cycle_settings(const scenario::Scenario& s) {
+  const executive::CycleSettings settings{.tracking = Duration::seconds(s.conops.tracking_min * 60.0),
+                                          .image_period = Duration::seconds(s.conops.image_period_s),
+                                          .slew = Duration::seconds(s.conops.slew_min * 60.0),
+                                          .cycle = Duration::days(s.conops.cycle_days)};
+  if (settings.image_period > settings.tracking) {
+    return fail(ErrorCode::invalid_argument, "a window of {0} s has no room for an image every {1} s",
+                {settings.tracking.seconds(), settings.image_period.seconds()}, "conops.image_period_s");
+  }
+  if (settings.cycle < settings.tracking * 2 + settings.slew) {
+    return fail(ErrorCode::invalid_argument, "a cycle of {0} days is shorter than its two windows and the slew between them",
+                {settings.cycle.days()}, "conops.cycle_days");
+  }
+  return settings;
+}
+
+}  // namespace astronav::loop

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Belief: what the onboard software is told before the flight, from the [onboard] half of a scenario.
+#pragma once
+
+#include "foundation/base/error.h"
+#include "models/camera/camera.h"
+#include "onboard/executive/timeline.h"
+#include "onboard/navigation/beacons.h"
+#include "onboard/navigation/filter.h"
+#include "onboard/vision/vision.h"
+#include "verification/loop/mission.h"
+#include "verification/scenario/scenario.h"
+
+namespace astronav::loop {
+
+// A ballistic arc knows the mass only through CR A/m, so any number serves.
+inline constexpr double kBelievedMassKg = 25.0;
+
+// Sights without images (mil) carry no camera errors: the camera states are off there.
+Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& scenario, const Camera& camera, Level level);
+vision::VisionSettings vision_settings(const scenario::Scenario& scenario);
+navigation::BeaconSettings beacon_settings(const scenario::Scenario& scenario, const Camera& camera);
+Result<executive::CycleSettings> cycle_settings(const scenario::Scenario& scenario);
+
+}  // namespace astronav::loop

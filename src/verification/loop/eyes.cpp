@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "verification/loop/eyes.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <unordered_map>
+#include <utility>
+
+#include "foundation/math/rotation.h"
+#include "foundation/math/statistics.h"
+#include "verification/loop/belief.h"
+
+namespace astronav::loop {
+namespace {
+
+double milliseconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+// A planet's spot farther from the truth than this is another spot.
+constexpr double kFalsePlanetPx = 3.0;
+// An attitude is wrong where it is off by more than its own bounds allow, and by more than a centroid could explain.
+constexpr double kWrongAttitudeRad = 60.0 * kArcsecond;
+constexpr double kWrongAttitudeSigma = 5.0;
+
+}  // namespace
+
+Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& world, const Camera& believed,
+                                           Epoch epoch) {
+  std::unique_ptr<Eyes> eyes(new Eyes(world));
+  const scenario::OnboardVision& belief = s.onboard.vision;
+  const double fov_h = believed.intrinsics.field_of_view_horizontal_rad();
+  const double fov_v = believed.intrinsics.field_of_view_vertical_rad();
+  eyes->field_ = vision::StarField::build(world.catalogue(), belief.star_max_v_mag, epoch);
+  auto asterisms = vision::AsterismSettings::for_field(fov_h, fov_v);
+  asterisms.max_v_mag = std::min(asterisms.max_v_mag, belief.star_max_v_mag);
+  eyes->index_bytes_ = vision::build_pair_index(eyes->field_, asterisms);
+  const auto index = vision::PairIndex::open(eyes->index_bytes_);
+  if (!index) return forward(index);
+  eyes->index_ = *index;
+  eyes->vision_ = std::make_unique<vision::Vision>(vision_settings(s), believed.intrinsics,
+                                                   vision::SensorModel::from(believed), eyes->field_, eyes->index_);
+  eyes->frame_ = ImageU16(believed.intrinsics.width_px, believed.intrinsics.height_px);
+  return eyes;
+}
+
+Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_CN, BodyId beacon,
+                              const StreamId& noise, executive::Navigator& navigator, Records& records,
+                              bool keep_frame) {
+  const Camera& camera = world_.camera();
+  auto before = std::chrono::steady_clock::now();
+  const Vec3 boresight_N = R_CN.row(2).transpose();
+  const auto sky = world_.sky().look(event.epoch, truth_O, boresight_N,
+                                     camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree, world_.band(),
+                                     world_.sky_settings());
+  if (!sky) return forward(sky);
+  sources_ = render::place_sources(*sky, camera, R_CN, camera.exposure_s);
+  world_.renderer().frame(sources_, camera.exposure_s, noise, frame_);
+  records.stage_ms_sum.render += milliseconds_since(before);
+
+  before = std::chrono::steady_clock::now();
+  const auto look = navigator.look(std::as_const(frame_).view(), event.epoch, beacon);
+  if (!look) return forward(look);
+  const double onboard_ms = milliseconds_since(before);
+  const vision::StageTimes& stages = look->frame->time_ms;
+  records.stage_ms_sum.centroid += stages.centroid;
+  records.stage_ms_sum.identify += stages.identify;
+  records.stage_ms_sum.planets += stages.planets;
+  records.stage_ms_sum.update += std::max(0.0, onboard_ms - stages.total);
+  records.image_ms.push_back(onboard_ms);
+  judge(event, *look, R_CN, beacon);
+  if (keep_frame) records.frames.push_back(keep(event, *look));
+  return {};
+}
+
+void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, BodyId beacon) const {
+  const vision::FrameResult& seen = *look.frame;
+  event.spots = static_cast<int>(seen.centroids.size());
+  event.attitude_found = seen.source != vision::AttitudeSource::none;
+  if (event.attitude_found) {
+    // R_CN_true = exp(-[theta]x) R_CN_found.
+    event.attitude_error_rad = -rotation_log(R_CN * seen.attitude.R_CN.transpose());
+    event.attitude_sigma_rad = seen.attitude.covariance_rad2.diagonal().cwiseSqrt();
+    const double worst = event.attitude_error_rad.cwiseQuotient(event.attitude_sigma_rad).cwiseAbs().maxCoeff();
+    event.attitude_wrong = event.attitude_error_rad.norm() > kWrongAttitudeRad && worst > kWrongAttitudeSigma;
+    event.stars_matched = static_cast<int>(seen.stars.size());
+    std::unordered_map<std::int64_t, Pixel> truth;
+    for (const render::RenderedSource& s : sources_) {
+      if (s.source.kind == sky::SourceKind::star) truth.emplace(s.source.id, s.pixel);
+    }
+    for (const vision::MatchedStar& star : seen.stars) {
+      const auto at = truth.find(star.id);
+      if (at == truth.end()) continue;
+      const Vec2 error = seen.centroids[star.centroid].pixel.vec() - at->second.vec();
+      if (error.norm() > kFalsePlanetPx) continue;  // matched to another star's spot: not a centroid error
+      event.centroid_error_sum2_px2 += error.squaredNorm();
+      event.centroid_error_count += 2;
+    }
+  }
+  if (!look.measured) return;
+  event.planet_found = true;
+  event.accepted = look.update.accepted;
+  event.innovation_px = look.update.innovation_px;
+  event.innovation_covariance_px2 = look.update.innovation_covariance_px2;
+  event.nis = look.update.nis;
+  event.planet_sigma_px = look.measurement.pixel_covariance_px2.diagonal().cwiseSqrt();
+  event.planet_false = true;
+  for (const render::RenderedSource& s : sources_) {
+    if (s.source.kind != sky::SourceKind::planet || s.source.id != beacon.value) continue;
+    event.planet_error_px = look.measurement.pixel.vec() - s.pixel.vec();
+    event.planet_false = event.planet_error_px.norm() > kFalsePlanetPx;
+  }
+}
+
+KeptFrame Eyes::keep(const Event& event, const executive::Look& look) const {
+  const vision::FrameResult& seen = *look.frame;
+  KeptFrame kept;
+  kept.epoch = event.epoch;
+  kept.beacon = event.body;
+  kept.pixels = frame_;
+  std::vector<bool> named(seen.centroids.size(), false);
+  for (const vision::MatchedStar& star : seen.stars) {
+    named[star.centroid] = true;
+    kept.marks.push_back({seen.centroids[star.centroid].pixel, fmt::format("HIP {}", star.id), "star", 6.0});
+  }
+  if (look.measured) {
+    named[seen.planets[0].centroid] = true;
+    kept.marks.push_back({look.measurement.pixel, std::string(body_name(event.body)), "planet", 9.0});
+  }
+  if (event.attitude_found) {
+    if (const auto predicted = vision::predict_pixel(look.prediction, seen.attitude)) {
+      // Where the planet had to be, as an ellipse's larger axis at 99.7 %.
+      const double sigma = std::sqrt(predicted->covariance_px2.trace());
+      kept.marks.push_back({predicted->pixel, fmt::format("{} predicted", body_name(event.body)), "predicted",
+                            std::max(3.0, 3.0 * sigma)});
+    }
+  }
+  for (std::size_t i = 0; i < seen.centroids.size(); ++i) {
+    if (!named[i]) kept.marks.push_back({seen.centroids[i].pixel, "", "spot", 5.0});
+  }
+  return kept;
+}
+
+}  // namespace astronav::loop

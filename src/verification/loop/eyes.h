@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// Eyes: software in the loop. Renders what the true camera sees, lets the onboard software look, and notes how right it was.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "foundation/base/error.h"
+#include "foundation/math/random.h"
+#include "onboard/executive/navigator.h"
+#include "onboard/vision/vision.h"
+#include "verification/loop/records.h"
+#include "verification/loop/world.h"
+#include "verification/scenario/scenario.h"
+
+namespace astronav::loop {
+
+class Eyes {
+ public:
+  // Star list and pair index for the believed camera, stars at their places of `epoch`.
+  static Result<std::unique_ptr<Eyes>> create(const scenario::Scenario& scenario, World& world, const Camera& believed,
+                                              Epoch epoch);
+  Eyes(const Eyes&) = delete;
+  Eyes& operator=(const Eyes&) = delete;
+
+  vision::Vision& vision() { return *vision_; }
+
+  // Takes the image of `event` (epoch and number are set), feeds it to the navigator and fills in what came of it.
+  Result<void> photograph(Event& event, const State& truth_O, const Mat3& R_CN, BodyId beacon, const StreamId& noise,
+                          executive::Navigator& navigator, Records& records, bool keep_frame);
+
+ private:
+  explicit Eyes(World& world) : world_(world) {}
+  void judge(Event& event, const executive::Look& look, const Mat3& R_CN, BodyId beacon) const;
+  KeptFrame keep(const Event& event, const executive::Look& look) const;
+
+  World& world_;
+  vision::StarField field_;
+  std::vector<std::byte> index_bytes_;
+  vision::PairIndex index_;
+  std::unique_ptr<vision::Vision> vision_;
+  std::vector<render::RenderedSource> sources_;
+  ImageU16 frame_;
+};
+
+}  // namespace astronav::loop

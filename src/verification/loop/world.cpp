@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "verification/loop/world.h"
+
+#include <array>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "foundation/math/random.h"
+#include "models/oem/oem.h"
+#include "simulator/dynamics/forces.h"
+#include "simulator/dynamics/propagation.h"
+#include "simulator/transfer/ballistic.h"
+
+namespace astronav::loop {
+namespace {
+
+Result<MappedFile> open_or_default(const std::string& name, const char* shipped) {
+  return MappedFile::open(name.empty() ? home_directory() / "data" / shipped : std::filesystem::path(name));
+}
+
+Result<dynamics::ForceSettings> true_forces(const scenario::TruthDynamics& truth) {
+  dynamics::ForceSettings settings;
+  settings.bodies = {body::sun};
+  for (const std::string& text : truth.bodies) {
+    Result<BodyId> id = parse_body(text);
+    if (!id) return forward(id, "truth.dynamics.bodies");
+    // Systems go by their barycentres, except the Earth and the Moon, which are near enough to matter apart.
+    if (*id != body::earth && *id != body::moon && barycenter_of(*id)) id = *barycenter_of(*id);
+    if (*id != body::sun) settings.bodies.push_back(*id);
+  }
+  settings.relativity = truth.relativity;
+  settings.srp_cr_area_over_mass_m2_kg = truth.area_to_mass_cr_m2_kg;
+  settings.srp_scale = 1.0 + truth.srp_scale_error;
+  return settings;
+}
+
+// The designed transfer is what the ground planned; what is flown has the forces that nobody modelled as well.
+Result<trajectory::TrajectoryPtr> fly_transfer(const scenario::Scenario& s, const Ephemeris& ephemeris,
+                                               std::uint64_t seed, std::uint64_t sample) {
+  const Result<BodyId> from = parse_body(s.mission.from);
+  if (!from) return forward(from, "mission.from");
+  const Result<BodyId> to = parse_body(s.mission.to);
+  if (!to) return forward(to, "mission.to");
+  const Result<dynamics::ForceSettings> forces = true_forces(s.truth.dynamics);
+  if (!forces) return forward(forces);
+
+  transfer::BallisticSettings plan;
+  plan.forces = *forces;
+  plan.forces.srp_scale = 1.0;
+  const auto design =
+      transfer::design_ballistic(ephemeris, *from, *to, s.mission.departure, Duration::days(s.mission.days), plan);
+  if (!design) return forward(design, "mission");
+
+  RandomStream stream({.seed = seed, .sample = sample, .purpose = "unmodelled acceleration"});
+  const dynamics::UnmodelledSettings unmodelled{
+      .sigma_m_s2 = s.truth.dynamics.unmodelled_acceleration_m_s2,
+      .tau = Duration::days(s.truth.dynamics.unmodelled_tau_days)};
+  auto realisation = dynamics::UnmodelledAcceleration::draw(unmodelled, design->begin, design->end, stream);
+  if (!realisation) return forward(realisation, "truth.dynamics");
+  const auto model = dynamics::ForceModel::create(ephemeris, *forces, std::move(*realisation));
+  if (!model) return forward(model, "truth.dynamics");
+  auto arc = dynamics::propagate(*model, design->initial, design->begin, design->end);
+  if (!arc) return forward(arc, "truth.dynamics");
+  return trajectory::from_arc(std::move(*arc));
+}
+
+Result<trajectory::TrajectoryPtr> read_trajectory(const scenario::Mission& mission, const MappedFile& file,
+                                                  const MappedFile& kernel, const Ephemeris& ephemeris) {
+  const std::string where = file.path().string();
+  if (file.text().substr(0, 7) == "DAF/SPK") {
+    const std::array<std::span<const std::byte>, 2> kernels{kernel.bytes(), file.bytes()};
+    const auto joined = Ephemeris::open(kernels);
+    if (!joined) return forward(joined, where);
+    const auto id = parse_body(mission.trajectory_body);
+    if (!id) return forward(id, "mission.trajectory_body");
+    return trajectory::from_ephemeris(*joined, *id);
+  }
+  const auto oem = parse_oem(file.text(), where);
+  if (!oem) return forward(oem, where);
+  return trajectory::from_oem(*oem, &ephemeris);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::uint64_t seed, std::uint64_t sample) {
+  std::unique_ptr<World> world(new World);
+  auto kernel = open_or_default(s.data.ephemeris_file, "de405_2000_2050.bsp");
+  if (!kernel) return forward(kernel);
+  world->ephemeris_file_ = std::move(*kernel);
+  auto ephemeris = Ephemeris::open(world->ephemeris_file_.bytes());
+  if (!ephemeris) return forward(ephemeris, world->ephemeris_file_.path().string());
+  world->ephemeris_ = std::move(*ephemeris);
+
+  auto stars = open_or_default(s.data.catalogue_file, "hipparcos.stars");
+  if (!stars) return forward(stars);
+  world->catalogue_file_ = std::move(*stars);
+  auto catalogue = StarCatalogue::open(world->catalogue_file_.bytes());
+  if (!catalogue) return forward(catalogue, world->catalogue_file_.path().string());
+  world->catalogue_ = std::move(*catalogue);
+
+  Result<trajectory::TrajectoryPtr> flown = [&]() -> Result<trajectory::TrajectoryPtr> {
+    if (s.mission.trajectory_file.empty()) return fly_transfer(s, world->ephemeris_, seed, sample);
+    auto file = MappedFile::open(s.mission.trajectory_file);
+    if (!file) return forward(file);
+    world->trajectory_file_ = std::move(*file);
+    return read_trajectory(s.mission, world->trajectory_file_, world->ephemeris_file_, world->ephemeris_);
+  }();
+  if (!flown) return forward(flown);
+  world->trajectory_ = std::move(*flown);
+
+  auto camera = scenario::truth_camera(s);
+  if (!camera) return forward(camera);
+  world->camera_ = std::move(*camera);
+  world->detector_seed_ = RandomStream({.seed = seed, .sample = sample, .purpose = "detector"}).next();
+  world->band_ = std::make_unique<BandPhotometry>(world->camera_);
+  world->sky_ = std::make_unique<sky::Sky>(world->ephemeris_, world->catalogue_);
+  world->sky_settings_.max_v_mag = s.sky.max_v_mag;
+  world->sky_settings_.centre_of_light = s.truth.photocentre.on;
+  world->sky_settings_.centre_of_light_scale = s.truth.photocentre.scale;
+  return world;
+}
+
+const render::Renderer& World::renderer() {
+  if (!renderer_) renderer_ = std::make_unique<render::Renderer>(camera_, detector_seed_);
+  return *renderer_;
+}
+
+Result<Vec3> World::sight(BodyId body, Epoch epoch, const State& spacecraft_O) const {
+  const Result<BodyId> known = ephemeris_.resolve(body);
+  if (!known) return forward(known);
+  const auto state = ephemeris_.state(*known, body::solar_system_barycenter, epoch);
+  if (!state) return forward(state);
+  sky::SkySettings planets_only = sky_settings_;
+  planets_only.max_v_mag = -30.0;
+  const auto seen = sky_->look(epoch, spacecraft_O, (state->p_m - spacecraft_O.p_m).normalized(), 2.0 * kDegree, *band_,
+                               planets_only);
+  if (!seen) return forward(seen);
+  for (const sky::SkySource& source : *seen) {
+    if (source.kind == sky::SourceKind::planet && source.id == body.value) return source.direction_N;
+  }
+  return fail(ErrorCode::not_found, "the sky has no {s}", {}, {}, body_name(body));
+}
+
+}  // namespace astronav::loop

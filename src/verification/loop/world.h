@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// World: the truth of one mission: where everything is, what the camera really is, and what it sees.
+#pragma once
+
+#include <memory>
+
+#include "foundation/base/error.h"
+#include "foundation/files/mapped_file.h"
+#include "models/ephemeris/ephemeris.h"
+#include "models/photometry/photometry.h"
+#include "models/stars/catalogue.h"
+#include "simulator/render/renderer.h"
+#include "simulator/sky/sky.h"
+#include "simulator/trajectory/trajectory.h"
+#include "verification/scenario/scenario.h"
+
+namespace astronav::loop {
+
+class World {
+ public:
+  static Result<std::unique_ptr<World>> create(const scenario::Scenario& scenario, std::uint64_t seed,
+                                               std::uint64_t sample);
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+
+  const Ephemeris& ephemeris() const { return ephemeris_; }
+  const StarCatalogue& catalogue() const { return catalogue_; }
+  const trajectory::Trajectory& trajectory() const { return *trajectory_; }
+  const Camera& camera() const { return camera_; }
+  const sky::Sky& sky() const { return *sky_; }
+  const sky::SkySettings& sky_settings() const { return sky_settings_; }
+  const BandPhotometry& band() const { return *band_; }
+  // Made at the first call: a mission without images does without its maps.
+  const render::Renderer& renderer();
+
+  // Exact apparent direction of a planet's centre of light (N).
+  Result<Vec3> sight(BodyId body, Epoch epoch, const State& spacecraft_O) const;
+
+ private:
+  World() = default;
+
+  MappedFile ephemeris_file_, catalogue_file_, trajectory_file_;
+  Ephemeris ephemeris_;
+  StarCatalogue catalogue_;
+  trajectory::TrajectoryPtr trajectory_;
+  Camera camera_;
+  std::uint64_t detector_seed_ = 0;
+  sky::SkySettings sky_settings_;
+  std::unique_ptr<sky::Sky> sky_;
+  std::unique_ptr<BandPhotometry> band_;
+  std::unique_ptr<render::Renderer> renderer_;
+};
+
+}  // namespace astronav::loop
