@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pooled figures with confidence intervals.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "foundation/files/mapped_file.h"
+#include "foundation/math/random.h"
+#include "foundation/math/statistics.h"
+#include "verification/campaign/campaign.h"
+
+namespace astronav::campaign {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kResamples = 1000;
+
+std::vector<loop::Summary> flown_summaries(const Outcome& outcome) {
+  std::vector<loop::Summary> out;
+  for (const Sample& sample : outcome.samples) {
+    if (sample.flown()) out.push_back(sample.summary);
+  }
+  return out;
+}
+
+double worst_ratio(const loop::ErrorSummary& e) {
+  double worst = 0.0;
+  for (std::size_t i = 0; i < 3; ++i) worst = std::max(worst, e.steady_3sigma_axis[i] / e.formal_3sigma_axis[i]);
+  return worst;
+}
+
+// The figures that get an interval.
+Json figures(const loop::Summary& summary) {
+  const Json all = Json::parse(loop::to_json(summary, -1));
+  Json out;
+  for (const char* key : {"position_error_km", "velocity_error_m_s", "nees_mean", "nis_mean", "vision"}) out[key] = all[key];
+  return out;
+}
+
+Json confidence(const std::vector<loop::Summary>& runs) {
+  if (runs.size() < 3) return nullptr;
+  std::map<std::string, std::vector<double>> draws;
+  RandomStream random(StreamId{.seed = 1, .purpose = "campaign bootstrap"});
+  std::vector<loop::Summary> resampled(runs.size());
+  for (int b = 0; b < kResamples; ++b) {
+    for (loop::Summary& r : resampled) r = runs[static_cast<std::size_t>(random.uniform() * static_cast<double>(runs.size()))];
+    const Json flat = figures(loop::pool(resampled)).flatten();
+    for (const auto& [path, value] : flat.items()) {
+      if (value.is_number()) draws[path].push_back(value.get<double>());
+    }
+  }
+  // "/position_error_km/steady_3sigma_axis/0" stays where it was, as a pair.
+  Json out = figures(loop::pool(runs));
+  for (const auto& [path, values] : draws) {
+    out[Json::json_pointer(path)] = {quantile(values, 0.025), quantile(values, 0.975)};
+  }
+  return out;
+}
+
+std::string cell(double v) { return std::isnan(v) ? "" : fmt::format("{:.6g}", v); }
+
+}  // namespace
+
+Result<Statistics> statistics(const Outcome& outcome) {
+  const auto runs = flown_summaries(outcome);
+  if (runs.empty()) {
+    return fail(ErrorCode::not_converged, "none of {0} samples flew; the first said: {s}", {static_cast<double>(outcome.samples.size())}, "",
+                outcome.samples.empty() ? "nothing" : outcome.samples.front().error);
+  }
+  Statistics s;
+  s.pooled = loop::pool(runs);
+  s.flown = static_cast<int>(runs.size());
+  s.failed = static_cast<int>(outcome.samples.size() - runs.size());
+  for (const loop::Summary& r : runs) {
+    s.worst_position_ratio = std::max(s.worst_position_ratio, worst_ratio(r.position_error_km));
+    s.worst_velocity_ratio = std::max(s.worst_velocity_ratio, worst_ratio(r.velocity_error_m_s));
+    s.nis_inside_band += r.nis_band_95.contains(r.nis_mean);
+    s.nees_inside_band += r.nees_band_95.contains(r.nees_mean);
+  }
+  return s;
+}
+
+std::string summary_json(const Outcome& outcome, const Statistics& s) {
+  Json j = Json::parse(loop::to_json(s.pooled, -1));
+  j.erase("seed");
+  j.erase("sample");
+  j["first_seed"] = outcome.identity.first_seed;
+  j["samples"] = {{"flown", s.flown}, {"failed", s.failed}, {"nis_inside_band", s.nis_inside_band}, {"nees_inside_band", s.nees_inside_band}};
+  j["worst_ratio_to_formal"] = {{"position", s.worst_position_ratio}, {"velocity", s.worst_velocity_ratio}};
+  j["confidence_95"] = confidence(flown_summaries(outcome));
+  j["confidence_method"] = fmt::format("bootstrap over whole samples, {} resamples, 2.5 % and 97.5 % percentiles", kResamples);
+  return j.dump(2);
+}
+
+std::string samples_csv(const Outcome& outcome) {
+  std::string out = "seed,status,cycles,images";
+  for (const char* what : {"steady_3sigma", "formal_3sigma", "coast_3sigma"}) {
+    for (const char* unit : {"km", "m_s"}) {
+      for (const char* axis : {"x", "y", "z"}) out += fmt::format(",{}_{}_{}", what, axis, unit);
+    }
+  }
+  out += ",position_final_rss_km,velocity_final_rss_m_s,nees_mean,nees_band_lo,nees_band_hi,nis_mean,nis_band_lo,nis_band_hi,"
+         "attitude_success_rate,planet_success_rate,false_planets,centroid_error_px,planet_error_px,image_ms_median,wall_s,error\n";
+  for (const Sample& sample : outcome.samples) {
+    if (!sample.flown()) {
+      std::string error = sample.error;
+      std::replace(error.begin(), error.end(), '"', '\'');
+      out += fmt::format("{},failed{}\"{}\"\n", sample.seed, std::string(36, ','), error);
+      continue;
+    }
+    const loop::Summary& s = sample.summary;
+    out += fmt::format("{},flown,{},{}", sample.seed, s.cycles, s.images);
+    const loop::ErrorSummary& p = s.position_error_km;
+    const loop::ErrorSummary& v = s.velocity_error_m_s;
+    for (const auto* axes : {&p.steady_3sigma_axis, &v.steady_3sigma_axis, &p.formal_3sigma_axis, &v.formal_3sigma_axis,
+                             &p.end_of_coast.steady_3sigma_axis, &v.end_of_coast.steady_3sigma_axis}) {
+      for (const double x : *axes) out += "," + cell(x);
+    }
+    for (const double x : {p.final_rss, v.final_rss, s.nees_mean, s.nees_band_95.lo, s.nees_band_95.hi, s.nis_mean, s.nis_band_95.lo,
+                           s.nis_band_95.hi, s.vision.attitude_success_rate, s.vision.planet_success_rate,
+                           static_cast<double>(s.vision.false_planets), s.vision.centroid_error_px_1sigma,
+                           s.vision.planet_error_px_1sigma, s.image_ms_median, s.wall_s}) {
+      out += "," + cell(x);
+    }
+    out += ",\n";
+  }
+  return out;
+}
+
+std::string to_text(const Outcome& outcome, const Statistics& s) {
+  std::string out = loop::to_text(s.pooled);
+  out += fmt::format("  {} samples flown{}; NIS inside its band in {}, NEES in {}; worst sample at {:.2f} (position) and {:.2f} (velocity) of its own bound\n",
+                     s.flown, s.failed > 0 ? fmt::format(", {} failed", s.failed) : "", s.nis_inside_band, s.nees_inside_band,
+                     s.worst_position_ratio, s.worst_velocity_ratio);
+  for (const Sample& sample : outcome.samples) {
+    if (!sample.flown()) out += fmt::format("  seed {} failed: {}\n", sample.seed, sample.error);
+  }
+  return out;
+}
+
+Result<void> write_files(const std::filesystem::path& folder, const Outcome& outcome, const Statistics& s) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return fail(ErrorCode::io_failure, "cannot make the folder: {s}", {}, folder.string(), error.message());
+  if (auto ok = write_file(folder / "samples.csv", samples_csv(outcome)); !ok) return ok;
+  return write_file(folder / "summary.json", summary_json(outcome, s) + "\n");
+}
+
+}  // namespace astronav::campaign
