@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Photometry: magnitude laws of planets and asteroids, and from V and colour to photons in a camera's band.
+// Nothing here allocates or throws.
 #pragma once
+
+#include <array>
 
 #include "foundation/base/error.h"
 #include "foundation/math/linear.h"
 #include "foundation/time/epoch.h"
 #include "models/camera/camera.h"
 #include "models/ephemeris/bodies.h"
+#include "models/photometry/planet_magnitudes.h"
 
 namespace astronav {
 
@@ -17,33 +21,48 @@ struct Illumination {
   Epoch epoch;                  // when the light left the body
 };
 double phase_angle(const Illumination& geometry);  // rad, Sun-body-observer
+PhaseGeometry phase_geometry(const Illumination& geometry);
 
-// Apparent V magnitude of a planet (Mallama & Hilton 2018) or the Moon. not_found for other bodies.
+// Apparent V magnitude of a planet (Mallama & Hilton 2018; by its own or its barycentre's number) or the Moon.
+// not_found for other bodies, invalid_argument for a body at the place of Sun or observer.
 Result<double> planet_v_magnitude(BodyId body, const Illumination& geometry);
 // H, G law (Bowell et al. 1989).
 double asteroid_v_magnitude(double h, double g, const Illumination& geometry);
-// B-V of sunlight as each planet reflects it (Mallama et al. 2017); 0.65 (the Sun's) where not known.
+// B-V of a planet or the Moon (Harris 1961, as in Allen 1973); 0.65 (the Sun's) where not known.
 double planet_b_v(BodyId body);
+
+// Where observer and Sun stand over a planet: planetocentric latitudes, and longitudes positive to the west, in
+// degrees; poles and rotation of IAU 2015 (pck00011.tpc). For Mars, Saturn and Uranus; not_found otherwise.
+struct SubPoints {
+  double observer_latitude_deg = 0.0;
+  double observer_longitude_deg = 0.0;
+  double sun_latitude_deg = 0.0;
+  double sun_longitude_deg = 0.0;
+};
+Result<SubPoints> sub_points(BodyId body, const Illumination& geometry);
+
+// Effective temperature of a star of colour B-V in kelvin (Ballesteros 2012, eq. 14).
+double ballesteros_temperature(double b_v);
 
 // Photon and energy rates at the pupil, in the band of a camera.
 struct BandFlux {
-  double electrons_per_s = 0.0;   // photo-electrons: pupil area x transmission x quantum efficiency included
-  double irradiance_w_m2 = 0.0;   // in the band, at the pupil, before the optics
+  double electrons_per_s = 0.0;  // photo-electrons: pupil area x transmission x quantum efficiency included
+  double irradiance_w_m2 = 0.0;  // between the ends of the camera's band, at the pupil, before the optics
 };
-// Flux of a source of magnitude V and colour B-V seen by a camera: a blackbody at the colour's temperature (Ballesteros
-// 2012) scaled to V. docs/theory/photometry.md.
+// Flux of a source of magnitude V and colour B-V seen by a camera: a blackbody at the colour's temperature scaled to V.
+// Colours from -0.4 to 3 (others count as the nearest, unknown ones as the Sun's). docs/theory/photometry.md.
 class BandPhotometry {
  public:
   explicit BandPhotometry(const Camera& camera);
   BandFlux flux(double v_mag, double b_v) const;
-  // The camera's own magnitude: v such that flux(v, 0.65 solar) equals the electrons. For gating by brightness.
+  // The camera's own magnitude: v such that flux(v, b_v) gives these electrons. For gating by brightness.
   double v_magnitude(double electrons_per_s, double b_v) const;
 
  private:
-  // Tabulated over B-V once; interpolated.
+  // Of V = 0, tabulated over B-V once; interpolated.
   static constexpr int kColours = 64;
-  double log_electrons_[kColours];
-  double log_irradiance_[kColours];
+  std::array<double, kColours> log_electrons_{};
+  std::array<double, kColours> log_irradiance_{};
 };
 
 }  // namespace astronav
