@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sky: what an observer sees inside a cone: apparent directions (light time, exact aberration, proper motion, parallax)
-// and band fluxes.
+// and band fluxes. Planets and Moon are points of light: discs, moons of other planets and the Sun are not here.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ enum class SourceKind : unsigned char { star, planet };
 
 struct SkySource {
   SourceKind kind = SourceKind::star;
-  std::int64_t id = 0;       // Hipparcos number, or NAIF number
+  std::int64_t id = 0;              // Hipparcos number, or NAIF number of the planet's centre
   Vec3 direction_N = Vec3::Zero();  // apparent unit vector: where a camera at rest with the observer sees it
   double v_mag = 0.0;
   double b_v = 0.65;
@@ -33,12 +33,18 @@ struct SkySettings {
   double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
 };
 
+// How far (m) the photocentre of a Lambert sphere lies from its centre towards the Sun, across the line of sight.
+// docs/theory/rendering.md eq. 6.
+double lambert_photocentre_shift(double radius_m, double phase_angle_rad);
+
 class Sky {
  public:
   // The ephemeris and catalogue must outlive the object.
   Sky(const Ephemeris& ephemeris, const StarCatalogue& catalogue) : ephemeris_(&ephemeris), catalogue_(&catalogue) {}
 
-  // All sources within `radius_rad` of `axis_N`, brightest first. `observer_O` is the barycentric state.
+  // All sources within `radius_rad` of the apparent direction `axis_N`, brightest first: stars not fainter than
+  // max_v_mag, Mercury to Neptune, Earth and Moon as far as the kernels hold them, without those in or right above which
+  // (two radii) the observer is. `observer_O` is the barycentric state. out_of_range beyond the ephemeris.
   Result<std::vector<SkySource>> look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
                                       const BandPhotometry& band, const SkySettings& settings) const;
 

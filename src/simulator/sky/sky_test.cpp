@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulator/sky/sky.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "foundation/files/mapped_file.h"
+#include "foundation/math/rotation.h"
+#include "models/aberration/aberration.h"
+
+namespace astronav::sky {
+namespace {
+
+Camera any_camera() {
+  Camera camera;
+  camera.intrinsics = Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree);
+  camera.optics = {.focal_length_m = 0.04, .pupil_diameter_m = 0.01818, .transmission = {{450e-9, 0.7}, {900e-9, 0.7}}};
+  camera.detector.quantum_efficiency = {{450e-9, 0.7}, {900e-9, 0.7}};
+  return camera;
+}
+
+class SkyTest : public ::testing::Test {
+ protected:
+  SkyTest()
+      : kernel_(*MappedFile::open(home_directory() / "data" / "de405_2000_2050.bsp")),
+        stars_(*MappedFile::open(home_directory() / "data" / "hipparcos.stars")),
+        ephemeris_(*Ephemeris::open(kernel_.bytes())),
+        catalogue_(*StarCatalogue::open(stars_.bytes())),
+        sky_(ephemeris_, catalogue_),
+        band_(any_camera()) {}
+
+  State earth() const { return *ephemeris_.state(body::earth, body::solar_system_barycenter, epoch_); }
+  const SkySource* find(const std::vector<SkySource>& sources, SourceKind kind, std::int64_t id) const {
+    const auto it = std::find_if(sources.begin(), sources.end(),
+                                 [&](const SkySource& s) { return s.kind == kind && s.id == id; });
+    return it == sources.end() ? nullptr : &*it;
+  }
+  std::vector<SkySource> all_sky(const State& observer, const SkySettings& settings) const {
+    return *sky_.look(epoch_, observer, Vec3::UnitX(), kPi, band_, settings);
+  }
+
+  MappedFile kernel_;
+  MappedFile stars_;
+  Ephemeris ephemeris_;
+  StarCatalogue catalogue_;
+  Sky sky_;
+  BandPhotometry band_;
+  Epoch epoch_ = *Epoch::parse("2028-03-01T12:00:00 TDB");
+};
+
+// Every star of the catalogue one by one, without any cone search.
+TEST_F(SkyTest, TheConeHoldsExactlyTheStarsWhoseApparentPlacesAreInside) {
+  State observer = earth();
+  observer.v_m_s *= 20.0;  // 600 km/s: 7 arcmin of aberration, as far as Parker Solar Probe goes three times over
+  const SkySettings settings{.max_v_mag = 7.0};
+  for (const Vec3& axis : {direction_from_radec(4.66, -0.5), Vec3(0.0, 0.0, 1.0), direction_from_radec(0.0, 0.08)}) {
+    for (const double radius : {0.5 * kDegree, 14.0 * kDegree, 100.0 * kDegree}) {
+      std::vector<std::int64_t> expected;
+      for (std::size_t i = 0; i < catalogue_.size(); ++i) {
+        const Star star = catalogue_.star(i);
+        if (star.v_mag > 7.0f) continue;
+        const Vec3 seen = aberrate(star_direction(star, epoch_, observer.p_m), observer.v_m_s);
+        if (angle_between(seen, axis) <= radius) expected.push_back(star.id);
+      }
+      std::vector<std::int64_t> found;
+      const auto sources = *sky_.look(epoch_, observer, axis, radius, band_, settings);
+      for (const SkySource& s : sources) {
+        if (s.kind == SourceKind::star) found.push_back(s.id);
+      }
+      std::sort(expected.begin(), expected.end());
+      std::sort(found.begin(), found.end());
+      EXPECT_EQ(found, expected) << radius;
+    }
+  }
+}
+
+TEST_F(SkyTest, BrightestFirstAndSiriusLeadsTheStars) {
+  const auto sources = all_sky(earth(), {.max_v_mag = 4.0});
+  EXPECT_TRUE(std::is_sorted(sources.begin(), sources.end(),
+                             [](const SkySource& a, const SkySource& b) { return a.v_mag < b.v_mag; }));
+  const auto first_star = std::find_if(sources.begin(), sources.end(),
+                                       [](const SkySource& s) { return s.kind == SourceKind::star; });
+  ASSERT_NE(first_star, sources.end());
+  EXPECT_EQ(first_star->id, 32349);
+  EXPECT_NEAR(first_star->v_mag, -1.44, 0.02);
+  EXPECT_GT(first_star->flux.electrons_per_s, 1e7);
+  EXPECT_GT(first_star->flux.irradiance_w_m2, 0.0);
+}
+
+TEST_F(SkyTest, AnObserverOnEarthSeesAllButEarth) {
+  const auto sources = all_sky(earth(), {.max_v_mag = 0.0});
+  for (const BodyId id : {body::mercury, body::venus, body::moon, body::mars, body::jupiter, body::saturn, body::uranus,
+                          body::neptune}) {
+    EXPECT_NE(find(sources, SourceKind::planet, id.value), nullptr) << id.value;
+  }
+  EXPECT_EQ(find(sources, SourceKind::planet, body::earth.value), nullptr);
+  EXPECT_NE(find(all_sky({}, {.max_v_mag = 0.0}), SourceKind::planet, body::earth.value), nullptr);
+}
+
+TEST_F(SkyTest, PlanetsStandWhereLightTimeAndAberrationPutThem) {
+  const State observer = earth();
+  const auto sources = all_sky(observer, {.max_v_mag = 0.0, .centre_of_light = false});
+  const SkySource* jupiter = find(sources, SourceKind::planet, body::jupiter.value);
+  ASSERT_NE(jupiter, nullptr);
+  const BodyId held = *ephemeris_.resolve(body::jupiter);
+  const LightTime seen = *light_time(ephemeris_, held, observer, epoch_);
+  EXPECT_LT(angle_between(jupiter->direction_N, aberrate(seen.relative.p_m.normalized(), observer.v_m_s)),
+            1e-6 * kArcsecond);
+  // Each correction moves it by what it should: up to 20.5 arcsec.
+  const SkySettings geometric{.max_v_mag = 0.0, .aberration = false, .light_time = false, .centre_of_light = false};
+  const SkySource at_rest = *find(all_sky(observer, geometric), SourceKind::planet, body::jupiter.value);
+  const State true_place = *ephemeris_.state(held, body::solar_system_barycenter, epoch_);
+  EXPECT_LT(angle_between(at_rest.direction_N, true_place.p_m - observer.p_m), 1e-6 * kArcsecond);
+  EXPECT_GT(angle_between(at_rest.direction_N, jupiter->direction_N), 1.0 * kArcsecond);
+}
+
+// Photocentre of a Lambert sphere by summing over its surface.
+double summed_shift(double phase) {
+  double light = 0.0;
+  double moment = 0.0;
+  const int n = 1500;
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) {
+      const double x = -1.0 + (2.0 * i + 1.0) / n;  // towards the Sun's side
+      const double y = -1.0 + (2.0 * j + 1.0) / n;
+      if (x * x + y * y >= 1.0) continue;
+      const double z = std::sqrt(1.0 - x * x - y * y);  // towards the observer
+      const double lit = x * std::sin(phase) + z * std::cos(phase);
+      if (lit <= 0.0) continue;
+      light += lit;
+      moment += lit * x;
+    }
+  }
+  return moment / light;
+}
+
+TEST_F(SkyTest, PhotocentreOfALambertSphere) {
+  for (const double degrees : {5.0, 40.0, 90.0, 130.0, 160.0}) {
+    EXPECT_NEAR(lambert_photocentre_shift(1.0, degrees * kDegree), summed_shift(degrees * kDegree), 1e-3) << degrees;
+  }
+  EXPECT_EQ(lambert_photocentre_shift(1.0, 0.0), 0.0);
+  // A vanishing crescent: its width and its brightness both go with the cosine c along the limb, so <c> = 9 pi / 32.
+  EXPECT_NEAR(lambert_photocentre_shift(1.0, 179.8 * kDegree), 9.0 * kPi / 32.0, 1e-4);
+  EXPECT_NEAR(lambert_photocentre_shift(1.0, kPi), 9.0 * kPi / 32.0, 1e-12);
+}
+
+TEST_F(SkyTest, ThePhotocentreLiesTowardsTheSun) {
+  const State observer = earth();
+  const SkySettings figure{.max_v_mag = 0.0, .aberration = false, .centre_of_light = false};
+  SkySettings light = figure;
+  light.centre_of_light = true;
+  const SkySource centre = *find(all_sky(observer, figure), SourceKind::planet, body::venus.value);
+  const SkySource photo = *find(all_sky(observer, light), SourceKind::planet, body::venus.value);
+  light.centre_of_light_scale = 2.0;
+  const SkySource twice = *find(all_sky(observer, light), SourceKind::planet, body::venus.value);
+  const LightTime seen = *light_time(ephemeris_, *ephemeris_.resolve(body::venus), observer, epoch_);
+  const Vec3 sun = ephemeris_.state(body::sun, body::solar_system_barycenter, epoch_)->p_m - observer.p_m;
+  const Illumination geometry{seen.relative.p_m - sun, seen.relative.p_m, epoch_};
+  const double shift = angle_between(centre.direction_N, photo.direction_N);
+  EXPECT_NEAR(shift * seen.relative.p_m.norm(), lambert_photocentre_shift(6051.8e3, phase_angle(geometry)), 2e3);
+  EXPECT_NEAR(angle_between(centre.direction_N, twice.direction_N) / shift, 2.0, 1e-6);
+  EXPECT_LT(angle_between(photo.direction_N, sun), angle_between(centre.direction_N, sun));
+}
+
+TEST_F(SkyTest, BeyondTheEphemerisIsAnError) {
+  const auto sources =
+      sky_.look(*Epoch::parse("2100-01-01 TDB"), {}, Vec3::UnitX(), 0.1, band_, SkySettings{});
+  ASSERT_FALSE(sources);
+  EXPECT_EQ(sources.error().code, ErrorCode::out_of_range);
+}
+
+}  // namespace
+}  // namespace astronav::sky
