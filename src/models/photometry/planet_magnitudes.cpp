@@ -33,13 +33,14 @@ constexpr DecadeTable kMarsSeason{-0.029, -0.017, -0.014, -0.006, -0.018, -0.020
                                   0.025,  -0.004, -0.016, -0.008, 0.029,  -0.054, -0.033, 0.055,  0.017,
                                   0.052,  0.006,  0.087,  0.006,  0.064,  0.030,  0.019,  -0.030, -0.017};
 
-// Periodic five-point interpolation about the nearest entry (Stirling's formula, to fourth differences).
+// Periodic five-point interpolation about the entry below, as the authors do it (Stirling's formula, to fourth
+// differences).
 double interpolate(const DecadeTable& table, double degrees) {
   const double x = degrees / 10.0;
-  const double nearest = std::floor(x + 0.5);
-  const double p = x - nearest;
+  const double below = std::floor(x);
+  const double p = x - below;
   const int size = static_cast<int>(table.size());
-  const int centre = static_cast<int>(nearest - size * std::floor(nearest / size));
+  const int centre = static_cast<int>(below - size * std::floor(below / size));
   const auto at = [&](int offset) { return table[static_cast<std::size_t>((centre + offset + size) % size)]; };
   const double odd1 = 0.5 * (at(1) - at(-1));
   const double even2 = at(1) - 2.0 * at(0) + at(-1);
