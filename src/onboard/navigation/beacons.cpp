@@ -55,7 +55,7 @@ const char* name(BeaconVerdict verdict) {
   return "";
 }
 
-const BeaconCandidate* BeaconSelection::best_single() const {
+const BeaconCandidate* BeaconSelection::best_single() const& {
   const BeaconCandidate* best = nullptr;
   for (const BeaconCandidate& candidate : candidates())
     if (candidate.usable() && (!best || candidate.sigma_across_m < best->sigma_across_m)) best = &candidate;

@@ -2,7 +2,7 @@
 // Beacon selection: which two planets to track now, and why not the others.
 //
 // Two sights i with weight w_i = 1/((d_i s_i)^2 + e_i^2) and separation gamma fix a position with
-//   tr P = 1/(w1 + w2) + (w1 + w2)/(w1 w2 sin^2 gamma)                       (docs/theory/navigation.md eq. 16)
+//   tr P = 1/(w1 + w2) + (w1 + w2)/(w1 w2 sin^2 gamma)                       (docs/theory/navigation.md eq. 9)
 // The pair with the least tr P among the usable beacons is best. No heap.
 #pragma once
 
@@ -25,7 +25,7 @@ struct BeaconSettings {
   double max_angular_diameter_rad = 300.0 * kArcsecond;
   // Another planet, or the Moon, nearer than this and less than `blend_magnitudes` fainter spoils the centroid.
   double min_separation_rad = 210.0 * kArcsecond;
-  double blend_magnitudes = 5.0;
+  double blend_magnitudes = 6.0;
   double sight_sigma_rad = 1.0 * kArcsecond;        // of a whole window's line of sight
   std::array<double, kMaxBeacons> ephemeris_sigma_m{};  // per axis, in the order of the candidates
 };
@@ -60,10 +60,14 @@ struct BeaconSelection {
   int candidate_count = 0;
   std::array<BeaconPair, kMaxBeacons*(kMaxBeacons - 1) / 2> ranked{};
   int pair_count = 0;
-  std::span<const BeaconCandidate> candidates() const { return {all.data(), static_cast<std::size_t>(candidate_count)}; }
-  std::span<const BeaconPair> pairs() const { return {ranked.data(), static_cast<std::size_t>(pair_count)}; }  // best first
+  // In the order of the settings; pairs best first. Not of a temporary, whose arrays would be gone.
+  std::span<const BeaconCandidate> candidates() const& { return {all.data(), static_cast<std::size_t>(candidate_count)}; }
+  std::span<const BeaconPair> pairs() const& { return {ranked.data(), static_cast<std::size_t>(pair_count)}; }
+  std::span<const BeaconCandidate> candidates() const&& = delete;
+  std::span<const BeaconPair> pairs() const&& = delete;
   // The usable beacon with the least sigma_across_m, for when there is no pair; null where there is none.
-  const BeaconCandidate* best_single() const;
+  const BeaconCandidate* best_single() const&;
+  const BeaconCandidate* best_single() const&& = delete;
 };
 
 // `observer` is barycentric. Bodies that the ephemeris lacks get that verdict; out_of_range only where the Sun is lacking.

@@ -28,8 +28,8 @@ Sight apparent_sight(const State& observer, const State& body, const Vec3& p_sun
                      const SightSettings& settings) {
   Sight sight;
 
-  // Light time: |d + V tau| = c tau with d from body to observer is a quadratic equation (eq. 5); the body's acceleration
-  // is put in afterwards (eq. 6), since it moves tau itself by less than a microsecond.
+  // Light time: |d + V tau| = c tau with d from body to observer is a quadratic equation (eq. 4); the body's acceleration
+  // is put in afterwards (eq. 5), since it changes tau itself by less than 0.1 ms: metres of the planet's way.
   const Vec3 d = observer.p_m - body.p_m;
   Vec3 v_emission = body.v_m_s;
   Vec3 l = -d;
@@ -58,7 +58,7 @@ Sight apparent_sight(const State& observer, const State& body, const Vec3& p_sun
   }
   const Vec3 s = l.normalized();
 
-  // ds/dr (eq. 7). The shift is carried along unchanged: it turns with r only by its own size over the distance.
+  // ds/dr (eq. 6). The shift is carried along unchanged: it turns with r only by its own size over the distance.
   Mat3 dl_dr = -Mat3::Identity();
   if (settings.light_time) dl_dr += v_emission * s.transpose() / (c + s.dot(v_emission));
   const Mat3 across = Mat3::Identity() - s * s.transpose();

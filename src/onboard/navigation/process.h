@@ -35,7 +35,7 @@ struct ProcessSettings {
   GaussMarkov acceleration{.sigma = 1e-8, .tau_s = 5.0 * 86400.0};         // m/s2 per axis
   GaussMarkov thrust_magnitude{.sigma = 0.005, .tau_s = 86400.0};          // relative
   GaussMarkov thrust_pointing{.sigma = 0.3 * kDegree, .tau_s = 86400.0};   // rad per axis
-  // Steps are this share of the shortest of sqrt(d^3/GM) over the attractors, and never longer than max_step.
+  // Steps are this share of sqrt(d^3/GM) of the Sun, or 0.4 of it of a planet, whichever is shortest.
   double step_share = 0.006;
   Duration max_step = Duration::seconds(43200.0);
 };
@@ -79,7 +79,7 @@ class Process {
     StateMatrix phi;     // d x(t + h) / d x(t)
     ProcessNoise noise;
   };
-  // Step length that keeps RK4's error below about 0.1 m a day.
+  // Step length that keeps RK4's error below 1 m in ten days.
   Result<Duration> step_length(Epoch epoch, const StateVector& x);
   // One RK4 step of x (non-dimensional) together with its transition matrix and process noise.
   Result<void> step(Epoch epoch, Duration h, const Thrust& thrust, StateVector& x, Step& out);

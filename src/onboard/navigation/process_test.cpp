@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/navigation/process.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+#include "onboard/navigation/test_arc.h"
+
+namespace astronav::navigation {
+namespace {
+
+using namespace testing;
+
+StateMatrix random_covariance(RandomStream& random) {
+  StateMatrix a;
+  for (double& x : a.reshaped()) x = random.normal();
+  StateVector scale;
+  for (double& x : scale) x = std::pow(10.0, random.uniform(-5.0, 2.0));
+  return scale.asDiagonal() * (a * a.transpose()) * scale.asDiagonal();
+}
+
+// Largest difference, in units of the standard deviations of `truth`.
+double relative_difference(const StateMatrix& m, const StateMatrix& truth) {
+  const StateVector inverse = truth.diagonal().cwiseSqrt().cwiseInverse();
+  return (inverse.asDiagonal() * (m - truth) * inverse.asDiagonal()).cwiseAbs().maxCoeff();
+}
+
+TEST(FactorisedCovariance, IsTheMatrixItCameFrom) {
+  RandomStream random({.seed = 1, .purpose = "factorise"});
+  for (int i = 0; i < 20; ++i) {
+    const StateMatrix P = random_covariance(random);
+    EXPECT_LT(relative_difference(factorise(P)->dense(), P), 1e-12);
+  }
+  StateMatrix indefinite = StateMatrix::Identity();
+  indefinite(0, 1) = indefinite(1, 0) = 1.5;
+  EXPECT_FALSE(factorise(indefinite));
+  StateMatrix singular = StateMatrix::Identity();
+  singular(5, 5) = 0.0;  // a state that is known exactly
+  EXPECT_EQ(factorise(singular)->dense(), singular);
+}
+
+TEST(FactorisedCovariance, TimeUpdateIsPhiPPhiPlusQ) {
+  RandomStream random({.seed = 2, .purpose = "time update"});
+  for (int i = 0; i < 20; ++i) {
+    const StateMatrix P = random_covariance(random);
+    StateMatrix phi;
+    for (double& x : phi.reshaped()) x = random.normal();
+    ProcessNoise noise;
+    for (double& x : noise.n.reshaped()) x = random.normal();
+    for (double& x : noise.q) x = random.uniform();
+    FactorisedCovariance factors = factorise(P).value();
+    time_update(factors, phi, noise);
+    EXPECT_LT(relative_difference(factors.dense(), phi * P * phi.transpose() + noise.n * noise.q.asDiagonal() * noise.n.transpose()), 1e-10);
+  }
+}
+
+TEST(FactorisedCovariance, MeasurementUpdateIsJosephs) {
+  RandomStream random({.seed = 3, .purpose = "measurement update"});
+  for (int i = 0; i < 20; ++i) {
+    const StateMatrix P = random_covariance(random);
+    StateVector h;
+    for (double& x : h) x = random.normal();
+    const double r = random.uniform(0.1, 10.0);
+    FactorisedCovariance factors = factorise(P).value();
+    measurement_update(factors, h, r);
+    const StateVector k = P * h / (h.dot(P * h) + r);
+    const StateMatrix rest = StateMatrix::Identity() - k * h.transpose();
+    EXPECT_LT(relative_difference(factors.dense(), rest * P * rest.transpose() + r * k * k.transpose()), 1e-8);
+  }
+}
+
+class Flight : public ::testing::Test {
+ protected:
+  ProcessSettings settings;
+  GaussMarkov camera{.sigma = 1e-3, .tau_s = 1e5};
+
+  static StateVector scaled(const State& s, double mass) {
+    StateVector x = StateVector::Zero();
+    x.head<3>() = s.p_m / unit::length_m;
+    x.segment<3>(3) = s.v_m_s / unit::velocity_m_s;
+    x[index::mass] = mass;
+    return x;
+  }
+  static State unscaled(const StateVector& x) { return {x.head<3>() * unit::length_m, x.segment<3>(3) * unit::velocity_m_s}; }
+
+  StateVector propagate(StateVector x, Epoch from, Duration span, const Thrust& thrust = {}, StateMatrix* phi = nullptr,
+                        StateMatrix* q = nullptr, int* steps = nullptr) const {
+    Process process(settings, kernel(), camera, camera, camera);
+    const Epoch end = from + span;
+    Process::Step step;
+    if (phi) phi->setIdentity();
+    if (q) q->setZero();
+    while (from < end) {
+      const Duration h = std::min(process.step_length(from, x).value(), end - from);
+      EXPECT_TRUE(process.step(from, h, thrust, x, step));
+      if (phi) *phi = (step.phi * *phi).eval();
+      if (q) *q = (step.phi * *q * step.phi.transpose() + step.noise.n * step.noise.q.asDiagonal() * step.noise.n.transpose()).eval();
+      if (steps) ++*steps;
+      from = from + h;
+    }
+    return x;
+  }
+};
+
+TEST_F(Flight, TenDaysOfCoastAreWithinAMetreOfAnotherIntegrator) {
+  const double mass = 25.0;
+  const double pressure = 4.56e-6 * settings.reflectivity_area_m2 / mass;
+  State truth = cruise_start().state;
+  Epoch epoch = cruise_start().epoch;
+  for (int leg = 0; leg < 6; ++leg) {
+    const Duration span = Duration::days(10.0);
+    int steps = 0;
+    const State mine = unscaled(propagate(scaled(truth, mass), epoch, span, {}, nullptr, nullptr, &steps));
+    truth = fly(truth, epoch, span, pressure);
+    EXPECT_LT((mine.p_m - truth.p_m).norm(), 1.0) << "leg " << leg << ", " << steps << " steps";
+    EXPECT_LT((mine.v_m_s - truth.v_m_s).norm(), 1e-5);
+    EXPECT_LT(steps, 100);
+    truth = fly(truth, epoch + span, Duration::days(40.0), pressure);
+    epoch = epoch + span + Duration::days(40.0);
+  }
+}
+
+TEST_F(Flight, AttractionsAddUpInBarycentricAxesAndNeptuneMayNotBeLeftOut) {
+  ProcessSettings few = settings;
+  settings.attractors[8] = settings.attractors[9] = BodyId{};
+  const Start& s = cruise_start();
+  const State without = unscaled(propagate(scaled(s.state, 25.0), s.epoch, Duration::days(10.0)));
+  settings = few;
+  const State with = unscaled(propagate(scaled(s.state, 25.0), s.epoch, Duration::days(10.0)));
+  EXPECT_GT((with.p_m - without.p_m).norm(), 50.0);
+}
+
+TEST_F(Flight, TransitionMatrixAgreesWithCentralDifferences) {
+  const Start& s = cruise_start();
+  Thrust thrust{.force_n = 1e-3, .specific_impulse_s = 3000.0, .direction_N = Vec3(0.6, -0.64, 0.48)};
+  StateVector x = scaled(s.state, 25.0);
+  x.segment<3>(index::acceleration) = Vec3(2e-8, -1e-8, 3e-8) / unit::acceleration_m_s2;
+  x.segment<3>(index::thrust) = Vec3(0.01, -0.02, 0.015);
+  for (const bool on : {false, true}) {
+    const Thrust now = on ? thrust : Thrust{};
+    const Duration span = Duration::days(3.0);
+    StateMatrix phi;
+    propagate(x, s.epoch, span, now, &phi);
+    StateVector steps;
+    steps << Vec3::Constant(1e-6), Vec3::Constant(1e-6), 1e-2, Vec3::Constant(1e-4), Vec3::Constant(1e-3), Eigen::Vector4d::Constant(1e-3);
+    for (int j = 0; j < kStates; ++j) {
+      StateVector up = x, down = x;
+      up[j] += steps[j];
+      down[j] -= steps[j];
+      const StateVector numeric = (propagate(up, s.epoch, span, now) - propagate(down, s.epoch, span, now)) / (2.0 * steps[j]);
+      for (int i = 0; i < kStates; ++i) {
+        // Six digits of the largest entry in the same triple of rows.
+        const double scale = phi.col(j).segment(i - (i < 6 ? i % 3 : 0), i < 6 ? 3 : 1).cwiseAbs().maxCoeff();
+        EXPECT_NEAR(phi(i, j), numeric[i], 1e-5 * scale + 1e-8) << i << ' ' << j << " thrust " << on;
+      }
+    }
+  }
+}
+
+TEST_F(Flight, ThrustAndItsErrorsAreFlownAsAnotherIntegratorFliesThem) {
+  const Start& s = cruise_start();
+  const Thrust thrust{.force_n = 1.5e-3, .specific_impulse_s = 3000.0, .direction_N = Vec3(0.0, 0.6, 0.8)};
+  settings.thrust_magnitude.tau_s = settings.thrust_pointing.tau_s = 1e12;  // constant errors
+  StateVector x = scaled(s.state, 25.0);
+  x[index::thrust] = 0.02;
+  const double flow = thrust.force_n / (3000.0 * 9.80665);
+  const State truth = fly(s.state, s.epoch, Duration::days(5.0), 0.0, [&](double t) -> Vec3 {
+    return thrust.force_n / (25.0 - flow * t) * 1.02 * thrust.direction_N;
+  });
+  settings.reflectivity_area_m2 = 0.0;
+  const StateVector end = propagate(x, s.epoch, Duration::days(5.0), thrust);
+  EXPECT_LT((unscaled(end).p_m - truth.p_m).norm(), 1.0);
+  EXPECT_NEAR(end[index::mass], 25.0 - flow * 5.0 * 86400.0, 1e-9);
+}
+
+// Q against a Monte Carlo that drives the acceleration with small exact steps and integrates it twice, no gravity needed:
+// the closed form of a double integral of a Gauss-Markov process.
+TEST_F(Flight, ProcessNoiseIsThatOfTheContinuousLaw) {
+  const Start& s = cruise_start();
+  const double days = 10.0, T = days * 86400.0, tau = settings.acceleration.tau_s, sigma = settings.acceleration.sigma;
+  StateMatrix q;
+  propagate(scaled(s.state, 25.0), s.epoch, Duration::days(days), {}, nullptr, &q);
+  const double e = std::exp(-T / tau);
+  // Variance of velocity by noise alone (initial xi zero): Gelb 1974, problem 3-8, and numerically below.
+  const double velocity2 = sigma * sigma * tau * tau * (2.0 * T / tau - 3.0 + 4.0 * e - e * e);
+  double position2 = 0.0;
+  const int n = 200000;
+  for (int i = 0; i < n; ++i) {
+    const double u = (i + 0.5) * T / n;
+    const double g = tau * (u - tau * (1.0 - std::exp(-u / tau)));
+    position2 += 2.0 * sigma * sigma / tau * g * g * T / n;
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(std::sqrt(q(7 + axis, 7 + axis)) * unit::acceleration_m_s2, sigma * std::sqrt(1.0 - e * e), 1e-6 * sigma);
+    EXPECT_NEAR(std::sqrt(q(3 + axis, 3 + axis)) * unit::velocity_m_s / std::sqrt(velocity2), 1.0, 0.02);
+    EXPECT_NEAR(std::sqrt(q(axis, axis)) * unit::length_m / std::sqrt(position2), 1.0, 0.02);
+  }
+  EXPECT_NEAR(q(index::bias, index::bias), camera.sigma * camera.sigma * (1.0 - std::exp(-2.0 * T / camera.tau_s)), 1e-12);
+}
+
+TEST(Process, SaysWhatIsWrongWithItsSettings) {
+  const GaussMarkov fine{.sigma = 1.0, .tau_s = 1.0};
+  ProcessSettings settings;
+  EXPECT_TRUE(Process(settings, kernel(), fine, fine, fine).check(departure()));
+  EXPECT_EQ(Process(settings, kernel(), fine, fine, fine).check(Epoch::parse("2199-01-01 TDB").value()).error().code, ErrorCode::out_of_range);
+  EXPECT_EQ(Process(settings, kernel(), {.sigma = 1.0, .tau_s = 0.0}, fine, fine).check(departure()).error().code, ErrorCode::invalid_argument);
+  settings.attractors[0] = body::venus_barycenter;
+  EXPECT_EQ(Process(settings, kernel(), fine, fine, fine).check(departure()).error().code, ErrorCode::invalid_argument);
+}
+
+}  // namespace
+}  // namespace astronav::navigation
