@@ -79,32 +79,52 @@ std::optional<BodyId> planet_of(BodyId id) {
   return std::nullopt;
 }
 
-Result<Answer> answer(const Ephemeris& ephemeris, const Question& question, Epoch epoch) {
+// Without corrections only the way between the two bodies counts: a kernel may not reach to the barycentre at all.
+Result<Answer> geometric(const Ephemeris& ephemeris, const Question& question, Epoch epoch) {
+  const auto relative = ephemeris.state(question.body, question.from, epoch);
+  if (!relative) return forward(relative);
+  Answer out;
+  out.relative = *relative;
+  out.light_time_s = relative->p_m.norm() / kSpeedOfLight;
+  return out;
+}
+
+Result<Answer> apparent(const Ephemeris& ephemeris, const Question& question, Epoch epoch) {
   const auto observer = ephemeris.state(question.from, body::solar_system_barycenter, epoch);
   if (!observer) return forward(observer);
   const auto seen = look(ephemeris, question.body, question, *observer, epoch);
   if (!seen) return forward(seen);
   Answer out;
-  out.epoch = epoch;
   out.relative = seen->relative;
   out.light_time_s = seen->light_time_s;
-  out.place = radec_from_direction(seen->relative.p_m);
+  return out;
+}
 
+void add_brightness(const Ephemeris& ephemeris, const Question& question, Answer& out) {
   const auto planet = planet_of(question.body);
-  if (!planet) return out;
-  const Epoch departure = question.light_time ? epoch - Duration::seconds(seen->light_time_s) : epoch;
+  if (!planet) return;
+  const Epoch epoch = out.epoch;
+  const auto observer = ephemeris.state(question.from, body::solar_system_barycenter, epoch);
+  const Epoch departure = question.light_time ? epoch - Duration::seconds(out.light_time_s) : epoch;
   const auto from_sun = ephemeris.state(question.body, body::sun, departure);
   const auto there = ephemeris.state(question.body, body::solar_system_barycenter, departure);
-  if (!from_sun || !there) return out;  // a kernel without the Sun
+  if (!observer || !from_sun || !there) return;  // a kernel without the Sun
   const Illumination geometry{from_sun->p_m, there->p_m - observer->p_m, departure};
   out.has_brightness = true;
   out.phase_angle_rad = phase_angle(geometry);
   const auto magnitude = planet_v_magnitude(*planet, geometry);
   if (magnitude && std::isfinite(*magnitude)) out.v_mag = *magnitude;
-  if (question.from != body::sun) {
-    const auto sun = look(ephemeris, body::sun, question, *observer, epoch);
-    if (sun) out.sun_elongation_rad = angle_between(sun->relative.p_m, out.relative.p_m);
-  }
+  if (question.from == body::sun) return;
+  const auto sun = look(ephemeris, body::sun, question, *observer, epoch);
+  if (sun) out.sun_elongation_rad = angle_between(sun->relative.p_m, out.relative.p_m);
+}
+
+Result<Answer> answer(const Ephemeris& ephemeris, const Question& question, Epoch epoch) {
+  auto out = question.light_time ? apparent(ephemeris, question, epoch) : geometric(ephemeris, question, epoch);
+  if (!out) return out;
+  out->epoch = epoch;
+  out->place = radec_from_direction(out->relative.p_m);
+  add_brightness(ephemeris, question, *out);
   return out;
 }
 
