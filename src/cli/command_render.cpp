@@ -1,0 +1,335 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/commands.h"
+#include "cli/inputs.h"
+#include "foundation/raster/raster.h"
+#include "models/camera_file/camera_file.h"
+#include "simulator/render/renderer.h"
+#include "simulator/sky/sky.h"
+
+namespace astronav::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Options {
+  std::string camera = "extrema-20deg";
+  std::string epoch;
+  std::string observer = "earth";
+  std::string pointing;
+  double exposure_ms = 0.0;  // 0: the camera's own
+  std::uint64_t seed = 1;
+  double max_v = 12.0;
+  std::string out;
+  std::string truth;
+  std::vector<std::string> kernels;
+  std::string catalogue;
+  bool no_noise = false;
+  bool no_aberration = false;
+  bool centre_of_figure = false;
+  bool json = false;
+};
+
+// Everything that the frame, its header and its truth file tell.
+struct Shot {
+  Camera camera;
+  Epoch epoch;
+  State observer_O;
+  Mat3 R_CN;
+  double exposure_s = 0.0;
+  std::vector<render::RenderedSource> sources;  // brightest first
+};
+
+bool on_detector(const Intrinsics& c, Pixel p) {
+  return p.u >= -0.5 && p.v >= -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
+}
+
+// FITS names for the linear map from pixels to the tangent plane, and SIP polynomials where the camera distorts
+// (Shupe et al. 2005). The world is the apparent one: what this observer sees.
+class Wcs {
+ public:
+  Wcs(const Intrinsics& camera, const Mat3& R_CN) : camera_(camera) {
+    const Vec3 boresight_N = R_CN.row(2).transpose();
+    const RaDec place = radec_from_direction(boresight_N);
+    const EastNorth axes = east_north(boresight_N);
+    const Vec2 reference = fits_from_pixel({camera.cx_px, camera.cy_px}, camera.height_px);
+    const Vec3 right = R_CN.row(0).transpose();
+    const Vec3 down = R_CN.row(1).transpose();
+    const bool distorted = has_distortion();
+    text("CTYPE1", distorted ? "RA---TAN-SIP" : "RA---TAN", "apparent places of this observer");
+    text("CTYPE2", distorted ? "DEC--TAN-SIP" : "DEC--TAN", "");
+    text("CUNIT1", "deg", "");
+    text("CUNIT2", "deg", "");
+    text("RADESYS", "ICRS", "axes; aberration and light time are in the places");
+    number("CRVAL1", place.ra_rad / kDegree, "boresight");
+    number("CRVAL2", place.dec_rad / kDegree, "boresight");
+    number("CRPIX1", reference.x(), "boresight");
+    number("CRPIX2", reference.y(), "boresight");
+    number("CD1_1", right.dot(axes.east) / camera.fx_px / kDegree, "");
+    number("CD1_2", -down.dot(axes.east) / camera.fy_px / kDegree, "FITS rows count upwards");
+    number("CD2_1", right.dot(axes.north) / camera.fx_px / kDegree, "");
+    number("CD2_2", -down.dot(axes.north) / camera.fy_px / kDegree, "");
+    if (distorted) add_sip();
+  }
+  const std::vector<FitsCard>& cards() const { return cards_; }
+
+ private:
+  static constexpr int kOrder = 5;
+
+  bool has_distortion() const {
+    const Distortion& d = camera_.distortion;
+    return d.k1 != 0.0 || d.k2 != 0.0 || d.k3 != 0.0 || d.p1 != 0.0 || d.p2 != 0.0;
+  }
+  void text(const char* key, const char* value, const char* comment) {
+    cards_.push_back({.key = key, .text = value, .number = {}, .comment = comment});
+  }
+  void number(const std::string& key, double value, const char* comment) {
+    cards_.push_back({.key = key, .text = {}, .number = value, .comment = comment});
+  }
+
+  // Least squares over a grid of pixels, in units of half the image so that the normal equations are well conditioned.
+  void add_sip() {
+    std::vector<std::pair<int, int>> powers;
+    for (int p = 0; p <= kOrder; ++p) {
+      for (int q = 0; p + q <= kOrder; ++q) {
+        if (p + q >= 2) powers.emplace_back(p, q);
+      }
+    }
+    const double unit = 0.5 * std::max(camera_.width_px, camera_.height_px);
+    std::vector<Vec2> seen;   // FITS offsets from the reference pixel, with distortion
+    std::vector<Vec2> plane;  // and without
+    const int steps = 24;
+    for (int i = 0; i <= steps; ++i) {
+      for (int j = 0; j <= steps; ++j) {
+        const Pixel pixel{-0.5 + camera_.width_px * (static_cast<double>(i) / steps),
+                          -0.5 + camera_.height_px * (static_cast<double>(j) / steps)};
+        const auto direction = unproject(camera_, pixel);
+        if (!direction) continue;
+        seen.emplace_back(pixel.u - camera_.cx_px, camera_.cy_px - pixel.v);
+        plane.emplace_back(camera_.fx_px * direction->x() / direction->z(),
+                           -camera_.fy_px * direction->y() / direction->z());
+      }
+    }
+    const auto fit = [&](const std::vector<Vec2>& from, const std::vector<Vec2>& to, const char* prefix_x,
+                         const char* prefix_y) {
+      Eigen::MatrixXd design(from.size(), powers.size());
+      Eigen::MatrixX2d wanted(from.size(), 2);
+      for (Eigen::Index r = 0; r < design.rows(); ++r) {
+        const Vec2& at = from[static_cast<std::size_t>(r)];
+        wanted.row(r) = (to[static_cast<std::size_t>(r)] - at).transpose();
+        for (Eigen::Index c = 0; c < design.cols(); ++c) {
+          const auto [p, q] = powers[static_cast<std::size_t>(c)];
+          design(r, c) = std::pow(at.x() / unit, p) * std::pow(at.y() / unit, q);
+        }
+      }
+      const Eigen::MatrixX2d terms = (design.transpose() * design).ldlt().solve(design.transpose() * wanted);
+      for (const auto& [prefix, column] : {std::pair{prefix_x, 0}, std::pair{prefix_y, 1}}) {
+        number(fmt::format("{}_ORDER", prefix), kOrder, "");
+        for (std::size_t c = 0; c < powers.size(); ++c) {
+          const auto [p, q] = powers[c];
+          number(fmt::format("{}_{}_{}", prefix, p, q),
+                 terms(static_cast<Eigen::Index>(c), column) / std::pow(unit, p + q), "");
+        }
+      }
+    };
+    fit(seen, plane, "A", "B");
+    fit(plane, seen, "AP", "BP");
+  }
+
+  Intrinsics camera_;
+  std::vector<FitsCard> cards_;
+};
+
+std::vector<FitsCard> header(const Shot& shot, const Options& options) {
+  std::vector<FitsCard> cards = Wcs(shot.camera.intrinsics, shot.R_CN).cards();
+  const Detector& d = shot.camera.detector;
+  const auto text = [&](const char* key, std::string value, const char* comment) {
+    cards.push_back({.key = key, .text = std::move(value), .number = {}, .comment = comment});
+  };
+  const auto number = [&](const char* key, double value, const char* comment) {
+    cards.push_back({.key = key, .text = {}, .number = value, .comment = comment});
+  };
+  const Duration half = Duration::seconds(0.5 * shot.exposure_s);
+  text("TIMESYS", "UTC", "");
+  text("DATE-OBS", (shot.epoch - half).iso(TimeScale::utc, 6, false), "start of the exposure");
+  text("DATE-AVG", shot.epoch.iso(TimeScale::utc, 6, false), "middle of the exposure");
+  number("EXPTIME", shot.exposure_s, "s");
+  text("INSTRUME", shot.camera.name, "");
+  number("GAIN", d.gain_e_dn, "electrons per DN");
+  number("RDNOISE", d.read_noise_e, "electrons, 1 sigma");
+  number("BIAS", d.bias_dn, "DN");
+  text("OBSERVER", options.observer, "where the camera was");
+  number("SEED", static_cast<double>(options.seed), "of the noise");
+  text("CREATOR", "astronav " ASTRONAV_VERSION, "simulated");
+  return cards;
+}
+
+Json xyz(const Vec3& v) { return {{"x", v.x()}, {"y", v.y()}, {"z", v.z()}}; }
+
+Json truth(const Shot& shot, const Options& options) {
+  const Quaternion q_NC = to_quaternion(shot.R_CN.transpose());
+  const Pointing pointing = pointing_from_R_CN(shot.R_CN);
+  Json out;
+  out["image"] = options.out;
+  out["camera"] = shot.camera.name;
+  out["exposure_ms"] = shot.exposure_s * 1e3;
+  out["seed"] = options.seed;
+  out["epoch_tdb"] = shot.epoch.iso(TimeScale::tdb, 6, false);
+  out["ra_deg"] = pointing.ra_rad / kDegree;
+  out["dec_deg"] = pointing.dec_rad / kDegree;
+  out["roll_deg"] = pointing.roll_rad / kDegree;
+  out["q_NC"] = {{"w", q_NC.w}, {"x", q_NC.x}, {"y", q_NC.y}, {"z", q_NC.z}};
+  out["observer"] = {{"position_km", xyz(shot.observer_O.p_m / 1e3)},
+                     {"velocity_km_s", xyz(shot.observer_O.v_m_s / 1e3)}};
+  Json sources = Json::array();
+  for (const render::RenderedSource& s : shot.sources) {
+    if (!on_detector(shot.camera.intrinsics, s.pixel)) continue;
+    const bool planet = s.source.kind == sky::SourceKind::planet;
+    const RaDec place = radec_from_direction(s.source.direction_N);
+    Json one;
+    one["id"] = s.source.id;
+    one["kind"] = planet ? "planet" : "star";
+    if (planet) one["name"] = body_name(BodyId{static_cast<std::int32_t>(s.source.id)});
+    one["u_px"] = s.pixel.u;
+    one["v_px"] = s.pixel.v;
+    one["ra_deg"] = place.ra_rad / kDegree;
+    one["dec_deg"] = place.dec_rad / kDegree;
+    one["electrons"] = s.electrons;
+    one["mag"] = s.source.v_mag;
+    one["irradiance_w_m2"] = s.source.flux.irradiance_w_m2;
+    sources.push_back(std::move(one));
+  }
+  out["sources"] = std::move(sources);
+  return out;
+}
+
+Result<void> store(const Shot& shot, const Options& options, const ImageU16& frame) {
+  const std::string extension = std::filesystem::path(options.out).extension().string();
+  return extension == ".png" ? write_png16(options.out, frame) : write_fits(options.out, frame, header(shot, options));
+}
+
+void report(const Shot& shot, const Options& options) {
+  std::size_t stars = 0;
+  std::vector<std::string> planets;
+  for (const render::RenderedSource& s : shot.sources) {
+    if (!on_detector(shot.camera.intrinsics, s.pixel)) continue;
+    if (s.source.kind == sky::SourceKind::star) {
+      ++stars;
+    } else {
+      planets.emplace_back(body_name(BodyId{static_cast<std::int32_t>(s.source.id)}));
+    }
+  }
+  if (options.json) {
+    const Json out = {{"image", options.out},
+                      {"truth", options.truth.empty() ? Json(nullptr) : Json(options.truth)},
+                      {"camera", shot.camera.name},
+                      {"epoch_tdb", shot.epoch.iso(TimeScale::tdb, 6, false)},
+                      {"stars", stars},
+                      {"planets", planets}};
+    fmt::print("{}\n", out.dump());
+    return;
+  }
+  std::string list;
+  for (const std::string& planet : planets) list += (list.empty() ? "; " : ", ") + planet;
+  fmt::print("{}: {} x {} pixels of {}, {} stars to V {:g}{}\n", options.out, shot.camera.intrinsics.width_px,
+             shot.camera.intrinsics.height_px, shot.camera.name, stars, options.max_v, list);
+}
+
+Result<int> run(const Options& options) {
+  const std::string extension = std::filesystem::path(options.out).extension().string();
+  if (extension != ".png" && extension != ".fits" && extension != ".fit") {
+    return fail(ErrorCode::invalid_argument, "'{s}' ends neither in .fits nor in .png", {}, "--out", options.out);
+  }
+  auto camera = read_camera(options.camera);
+  if (!camera) return forward(camera);
+  const auto epoch = Epoch::parse(options.epoch);
+  if (!epoch) return forward(epoch, "--epoch");
+  const auto pointing = parse_pointing(options.pointing);
+  if (!pointing) return forward(pointing, "--pointing");
+  const auto kernels = open_kernels(options.kernels);
+  if (!kernels) return forward(kernels);
+  const auto observer = parse_observer(options.observer, *kernels);
+  if (!observer) return forward(observer, "--observer");
+  const auto state = (*observer)(*epoch);
+  if (!state) return forward(state, "--observer");
+  const std::filesystem::path catalogue_path =
+      options.catalogue.empty() ? home_directory() / "data" / "hipparcos.stars" : std::filesystem::path(options.catalogue);
+  const auto catalogue_file = MappedFile::open(catalogue_path);
+  if (!catalogue_file) return forward(catalogue_file);
+  const auto catalogue = StarCatalogue::open(catalogue_file->bytes());
+  if (!catalogue) return forward(catalogue, catalogue_path.string());
+
+  Shot shot;
+  shot.camera = std::move(*camera);
+  shot.epoch = *epoch;
+  shot.observer_O = *state;
+  shot.R_CN = R_CN_from_pointing(*pointing);
+  shot.exposure_s = options.exposure_ms > 0.0 ? options.exposure_ms * 1e-3 : shot.camera.exposure_s;
+
+  sky::SkySettings settings;
+  settings.max_v_mag = options.max_v;
+  settings.aberration = !options.no_aberration;
+  settings.centre_of_light = !options.centre_of_figure;
+  const double margin_px = 20.0;
+  const double radius_rad =
+      shot.camera.intrinsics.half_diagonal_rad() + 2.0 * margin_px * shot.camera.intrinsics.plate_scale_rad_px();
+  const auto seen = sky::Sky((*kernels)->ephemeris, *catalogue)
+                        .look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), radius_rad,
+                              BandPhotometry(shot.camera), settings);
+  if (!seen) return forward(seen);
+  shot.sources = render::place_sources(*seen, shot.camera, shot.R_CN, shot.exposure_s, margin_px);
+
+  const render::Renderer renderer(shot.camera, options.seed);
+  ImageU16 frame;
+  renderer.frame(shot.sources, shot.exposure_s, {.seed = options.seed, .sample = 0, .image = 0, .purpose = ""}, frame,
+                 options.no_noise ? render::NoiseSwitches::none() : render::NoiseSwitches{});
+  if (const auto stored = store(shot, options, frame); !stored) return forward(stored);
+  if (!options.truth.empty()) {
+    const auto stored = write_file(options.truth, truth(shot, options).dump(1) + "\n");
+    if (!stored) return forward(stored);
+  }
+  report(shot, options);
+  return 0;
+}
+
+}  // namespace
+
+void add_render(CLI::App& app, Invocation& invocation) {
+  auto options = std::make_shared<Options>();
+  CLI::App* sub = app.add_subcommand("render", "one image of the sky as a camera somewhere in the solar system takes it");
+  sub->footer(
+      "Example:\n  astronav render --epoch '2026-11-22T00:00:00 TDB' --observer earth --pointing 83.8,-1.2,0 "
+      "--out orion.fits --truth orion.json");
+  sub->add_option("--camera", options->camera, "camera file, or the name of one in scenarios/cameras")
+      ->capture_default_str();
+  sub->add_option("--epoch", options->epoch, "middle of the exposure, ISO 8601 with scale (UTC if none)")->required();
+  sub->add_option("--observer", options->observer,
+                  "ssb:X,Y,Z[,VX,VY,VZ] (km, km/s), ground:LAT,LON,HEIGHT_M, spk:ID@FILE, oem:FILE or a body")
+      ->capture_default_str();
+  sub->add_option("--pointing", options->pointing, "RA,DEC,ROLL of the boresight in degrees, ICRF, apparent")
+      ->required();
+  sub->add_option("--exposure-ms", options->exposure_ms, "default: the camera's own")->check(CLI::Range(1e-6, 1e7));
+  sub->add_option("--seed", options->seed, "of detector and noise")->capture_default_str();
+  sub->add_option("--max-v", options->max_v, "faintest stars")->check(CLI::Range(-2.0, 20.0))->capture_default_str();
+  sub->add_option("--out", options->out, "FILE.fits (with WCS) or FILE.png (16 bit, values are DN)")->required();
+  sub->add_option("--truth", options->truth, "FILE.json: attitude, observer and every source in the image");
+  sub->add_option("--kernel", options->kernels, "SPK files in place of DE405; later ones take precedence");
+  sub->add_option("--catalog", options->catalogue, "star catalogue in place of Hipparcos");
+  sub->add_flag("--no-noise", options->no_noise, "expected values: no shot or read noise, no fixed pattern");
+  sub->add_flag("--no-aberration", options->no_aberration, "as if the observer were at rest");
+  sub->add_flag("--centre-of-figure", options->centre_of_figure, "planets shine from their centre, not from their lit side");
+  sub->add_flag("--json", options->json, "one JSON object");
+  sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });
+}
+
+}  // namespace astronav::cli
