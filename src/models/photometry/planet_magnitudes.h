@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The magnitude laws of Mallama & Hilton 2018 ("Computing apparent planetary magnitudes for the Astronomical Almanac",
-// Astronomy and Computing 25, 10) as functions of what their tables hold. docs/theory/photometry.md eq. 1 to 14.
+// Astronomy and Computing 25, 10) as functions of what their tables hold. docs/theory/photometry.md eq. 1 to 13.
 // planet_v_magnitude() in photometry.h finds these arguments from vectors. Degrees, because the laws are polynomials in
 // degrees. Nothing here allocates or fails.
 #pragma once
