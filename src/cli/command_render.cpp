@@ -205,7 +205,7 @@ Json truth(const Shot& shot, const Options& options) {
     one["ra_deg"] = place.ra_rad / kDegree;
     one["dec_deg"] = place.dec_rad / kDegree;
     one["electrons"] = s.electrons;
-    one["mag"] = s.source.v_mag;
+    one["mag"] = std::round(s.source.v_mag * 1e4) / 1e4;
     one["irradiance_w_m2"] = s.source.flux.irradiance_w_m2;
     sources.push_back(std::move(one));
   }
