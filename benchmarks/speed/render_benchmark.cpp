@@ -41,6 +41,19 @@ void frame(benchmark::State& state) {
 }
 BENCHMARK(frame)->Arg(1024)->Arg(2048)->Unit(benchmark::kMillisecond);
 
+void frame_without_sources(benchmark::State& state) {
+  const Camera camera = *read_camera("extrema-20deg");
+  const Renderer renderer(camera, 1);
+  ImageU16 image;
+  StreamId noise;
+  for (auto _ : state) {
+    ++noise.image;
+    renderer.frame({}, camera.exposure_s, noise, image);
+    benchmark::DoNotOptimize(image.pixels().data());
+  }
+}
+BENCHMARK(frame_without_sources)->Unit(benchmark::kMillisecond);
+
 void expected_electrons(benchmark::State& state) {
   const Camera camera = *read_camera("extrema-20deg");
   const Renderer renderer(camera, 1);

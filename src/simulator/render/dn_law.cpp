@@ -92,6 +92,24 @@ DnTables::DnTables(const DnChain& chain, std::span<const double> means_e) {
   }
 }
 
+void DnTables::draw(std::span<const std::uint16_t> levels, RandomStream& random, std::uint16_t* out) const {
+  const Slot* const slots = slots_.data();
+  const int bits = slot_bits_;
+  // The choice between a slot's two values is a coin toss, which no branch predictor likes: arithmetic decides.
+  const auto one = [=](std::uint16_t level, std::uint32_t r) {
+    const Slot slot = slots[(static_cast<std::size_t>(level) << bits) + (r >> (32 - bits))];
+    const auto mask = static_cast<std::uint32_t>(-static_cast<std::int32_t>((r << bits) < slot.threshold));
+    return static_cast<std::uint16_t>(slot.other ^ ((slot.own ^ slot.other) & mask));
+  };
+  std::size_t i = 0;
+  for (; i + 1 < levels.size(); i += 2) {
+    const std::uint64_t r = random.next();
+    out[i] = one(levels[i], static_cast<std::uint32_t>(r));
+    out[i + 1] = one(levels[i + 1], static_cast<std::uint32_t>(r >> 32));
+  }
+  if (i < levels.size()) out[i] = one(levels[i], static_cast<std::uint32_t>(random.next()));
+}
+
 void DnTables::add_level(std::span<const double> probability, int first_dn) {
   const std::size_t count = std::size_t{1} << slot_bits_;
   double sum = 0.0;

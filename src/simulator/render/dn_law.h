@@ -43,10 +43,8 @@ class DnTables {
   DnTables() = default;
   DnTables(const DnChain& chain, std::span<const double> means_e);
 
-  std::uint16_t draw(std::size_t level, std::uint32_t random) const {
-    const Slot& slot = slots_[(level << slot_bits_) + (random >> (32 - slot_bits_))];
-    return (random << slot_bits_) < slot.threshold ? slot.own : slot.other;
-  }
+  // One draw for each pixel of these levels.
+  void draw(std::span<const std::uint16_t> levels, RandomStream& random, std::uint16_t* out) const;
 
  private:
   struct Slot {

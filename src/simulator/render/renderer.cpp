@@ -170,14 +170,7 @@ void Renderer::frame(std::span<const RenderedSource> sources, double exposure_s,
   };
   RandomStream sky_noise = stream("background noise");
   if (tables->tabulated) {
-    const std::uint16_t* level = tables->level.data();
-    std::size_t i = 0;
-    for (; i + 1 < dn.size(); i += 2) {
-      const std::uint64_t bits = sky_noise.next();
-      dn[i] = tables->tables.draw(level[i], static_cast<std::uint32_t>(bits));
-      dn[i + 1] = tables->tables.draw(level[i + 1], static_cast<std::uint32_t>(bits >> 32));
-    }
-    if (i < dn.size()) dn[i] = tables->tables.draw(level[i], static_cast<std::uint32_t>(sky_noise.next()));
+    tables->tables.draw(tables->level, sky_noise, dn.data());
     for (const std::uint32_t p : tables->apart) dn[p] = chain.draw(means(photo[p], dark[p]), sky_noise);
   } else {
     for (std::size_t i = 0; i < dn.size(); ++i) dn[i] = chain.draw(means(photo[i], dark[i]), sky_noise);
