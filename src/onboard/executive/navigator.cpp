@@ -25,16 +25,58 @@ Result<Vec3> Navigator::aim(BodyId body, Epoch epoch) {
   return predicted->direction_N;
 }
 
+Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) const {
+  const auto predicted = filter_.predict_direction(beacon);
+  if (!predicted) return forward(predicted);
+  vision::PlanetPrediction prediction;
+  prediction.body = beacon;
+  prediction.direction_N = predicted->direction_N;
+  prediction.direction_covariance = predicted->covariance;
+  if (!settings_.brightness) return prediction;
+
+  const auto known = ephemeris_->resolve(beacon);
+  if (!known) return forward(known);
+  const Epoch emitted = epoch - Duration::seconds(predicted->light_time_s);
+  const auto from_sun = ephemeris_->state(*known, body::sun, emitted);
+  if (!from_sun) return forward(from_sun);
+  const auto from_center = ephemeris_->state(*known, body::solar_system_barycenter, emitted);
+  if (!from_center) return forward(from_center);
+  const auto v_mag = planet_v_magnitude(beacon, {.p_body_from_sun_N = from_sun->p_m,
+                                                 .p_body_from_observer_N = from_center->p_m - filter_.state().p_m,
+                                                 .epoch = emitted});
+  if (!v_mag) return prediction;  // no law for this body: place alone
+  const BrightnessSettings& bright = *settings_.brightness;
+  prediction.v_mag = *v_mag;
+  prediction.expected_flux_dn =
+      bright.band.flux(*v_mag, planet_b_v(beacon)).electrons_per_s * bright.exposure_s / bright.gain_e_dn;
+  if (beacon == body::earth) add_moon(prediction, *v_mag, emitted, epoch);
+  return prediction;
+}
+
+// The Earth's spot holds the Moon's light wherever both are a few pixels apart.
+void Navigator::add_moon(vision::PlanetPrediction& prediction, double earth_v_mag, Epoch emitted, Epoch epoch) const {
+  const auto from_sun = ephemeris_->state(body::moon, body::sun, emitted);
+  const auto sight = filter_.predict_direction(body::moon);
+  const auto from_center = ephemeris_->state(body::moon, body::solar_system_barycenter, emitted);
+  if (!from_sun || !sight || !from_center) return;
+  const auto v_mag = planet_v_magnitude(body::moon, {.p_body_from_sun_N = from_sun->p_m,
+                                                     .p_body_from_observer_N = from_center->p_m - filter_.state().p_m,
+                                                     .epoch = epoch});
+  if (!v_mag) return;
+  const BandPhotometry& band = settings_.brightness->band;
+  prediction.companion_direction_N = sight->direction_N;
+  prediction.companion_flux_ratio = band.flux(*v_mag, planet_b_v(body::moon)).electrons_per_s /
+                                    band.flux(earth_v_mag, planet_b_v(body::earth)).electrons_per_s;
+}
+
 Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon) {
   ASTRONAV_CHECK(eyes_ != nullptr);
   if (const auto ok = filter_.propagate_to(mid_exposure); !ok) return forward(ok);
-  const auto predicted = filter_.predict_direction(beacon);
-  if (!predicted) return forward(predicted);
+  const auto prediction = predict(beacon, mid_exposure);
+  if (!prediction) return forward(prediction);
 
   Look look;
-  look.prediction.body = beacon;
-  look.prediction.direction_N = predicted->direction_N;
-  look.prediction.direction_covariance = predicted->covariance;
+  look.prediction = *prediction;
   const State here = filter_.state();
   const vision::Observer observer{.epoch = mid_exposure, .p_O_N = here.p_m, .v_O_N = here.v_m_s};
   const vision::FrameResult& seen = eyes_->process(frame, observer, {}, std::span(&look.prediction, 1));

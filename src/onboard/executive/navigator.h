@@ -12,20 +12,30 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "foundation/base/error.h"
 #include "foundation/image/image.h"
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/photometry/photometry.h"
 #include "onboard/navigation/beacons.h"
 #include "onboard/navigation/filter.h"
 #include "onboard/vision/vision.h"
 
 namespace astronav::executive {
 
+// From a magnitude to what the camera shows of it.
+struct BrightnessSettings {
+  BandPhotometry band;
+  double exposure_s = 0.4;
+  double gain_e_dn = 1.0;
+};
+
 struct NavigatorSettings {
   navigation::FilterSettings filter;
   navigation::BeaconSettings beacons;
+  std::optional<BrightnessSettings> brightness;  // without it planets are told from stars by place alone
 };
 
 // What became of one frame.
@@ -58,6 +68,10 @@ class Navigator {
   const navigation::Filter& filter() const { return filter_; }
 
  private:
+  // Where a beacon should be and how bright, as the image processing is told.
+  Result<vision::PlanetPrediction> predict(BodyId beacon, Epoch epoch) const;
+  void add_moon(vision::PlanetPrediction& prediction, double earth_v_mag, Epoch emitted, Epoch epoch) const;
+
   NavigatorSettings settings_;
   const Ephemeris* ephemeris_;
   vision::Vision* eyes_;

@@ -357,6 +357,38 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const FrameLevel& level, c
   return true;
 }
 
+bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, Pixel guess,
+                                    const Companion& companion, Centroid& spot) const {
+  const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
+  const int reach = static_cast<int>(std::ceil(3.0 * sensor_.psf_sigma_px));
+  if (u < reach || v < reach || u >= image.width() - reach || v >= image.height() - reach) return false;
+  // The saturated core around the guess: a box that grows as long as a saturated pixel touches it.
+  Window core{u, v, u, v};
+  bool saturated = static_cast<double>(image(u, v)) >= sensor_.saturation_dn;
+  for (bool grew = saturated; grew && std::max(core.width(), core.height()) + 2 * (reach + 1) < kMaxFitWindow;) {
+    grew = false;
+    const Window ring = grow(core, 1, image.width(), image.height());
+    for (int j = ring.v0; j <= ring.v1; ++j) {
+      for (int i = ring.u0; i <= ring.u1; ++i) {
+        const bool inside = i >= core.u0 && i <= core.u1 && j >= core.v0 && j <= core.v1;
+        if (inside || static_cast<double>(image(i, j)) < sensor_.saturation_dn) continue;
+        core = {std::min(core.u0, i), std::min(core.v0, j), std::max(core.u1, i), std::max(core.v1, j)};
+        grew = true;
+      }
+    }
+  }
+  const Window window = grow(core, saturated ? reach + 1 : reach, image.width(), image.height());
+  if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return false;
+  const PsfFit fit = fit_psf_beside(image, window, guess, level.background_dn, level.noise_dn, sensor_, companion);
+  if (!fit.converged || !(fit.covariance_px2(0, 0) < 4.0)) return false;
+  spot.pixel = fit.pixel;
+  spot.covariance_px2 = fit.covariance_px2;
+  spot.flux_dn = fit.flux_dn;
+  spot.snr = fit.flux_dn / fit.flux_sigma_dn;
+  spot.saturated = saturated;
+  return true;
+}
+
 template <typename T>
 std::size_t CentroidFinder::find_in(ImageView<const T> image, const FrameLevel& level, std::span<Centroid> out) {
   overflowed_ = false;

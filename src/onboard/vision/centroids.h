@@ -49,6 +49,10 @@ class CentroidFinder {
   std::size_t find_above(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<Centroid> out);
   std::size_t find_above(ImageView<const float> image, const FrameLevel& level, std::span<Centroid> out);
 
+  // Measures one spot again, its companion's light taken away. False, and `spot` untouched, where that fails.
+  bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, Pixel guess,
+                      const Companion& companion, Centroid& spot) const;
+
   // More regions than there is room for: the threshold is too low for this frame.
   bool overflowed() const { return overflowed_; }
   // Systematic part of the squared-intensity centroid (1 sigma an axis, px): the S-curve of a Gaussian of this width.

@@ -130,7 +130,7 @@ PsfFit fit_unsaturated(ImageView<const T> image, const Window& window, Pixel gue
   return fit;
 }
 
-// Free: u, v, ln(flux), width, share of the halo and its displacement. Levenberg-Marquardt.
+// Free: u, v, ln(flux), width, share of the halo, its displacement and its width. Levenberg-Marquardt.
 template <typename T>
 class SaturatedFit {
  public:
@@ -143,7 +143,7 @@ class SaturatedFit {
     fit.saturated = true;
     fit.sigma_px = sensor_.psf_sigma_px;
     Vec p;
-    p << guess.u, guess.v, 0.0, sensor_.psf_sigma_px, sensor_.halo_fraction, 0.0, 0.0;
+    p << guess.u, guess.v, 0.0, sensor_.psf_sigma_px, sensor_.halo_fraction, 0.0, 0.0, sensor_.halo_sigma_px;
     if (!start_flux(p)) return fit;
     weigh(p);
     double cost = linearize(p);
@@ -157,6 +157,7 @@ class SaturatedFit {
       Vec trial = p + step;
       trial(3) = std::clamp(trial(3), 0.5 * sensor_.psf_sigma_px, 2.0 * sensor_.psf_sigma_px);
       trial(4) = std::max(trial(4), 0.0);
+      trial(7) = std::clamp(trial(7), 0.4 * sensor_.halo_sigma_px, 2.5 * sensor_.halo_sigma_px);
       if (!inside(trial)) {
         damping *= 10.0;
         if (damping > 1e8) return fit;
@@ -186,14 +187,14 @@ class SaturatedFit {
     fit.flux_dn = std::exp(p(2));
     fit.flux_sigma_dn = fit.flux_dn * std::sqrt(covariance(2, 2));
     fit.sigma_px = p(3);
-    fit.chi2_per_dof = cost / std::max(1, used_ - 7);
+    fit.chi2_per_dof = cost / std::max(1, used_ - 8);
     fit.covariance_px2 = inflate(covariance.topLeftCorner<2, 2>(), fit.chi2_per_dof);
     return fit;
   }
 
  private:
-  using Vec = Eigen::Matrix<double, 7, 1>;
-  using Mat = Eigen::Matrix<double, 7, 7>;
+  using Vec = Eigen::Matrix<double, 8, 1>;
+  using Mat = Eigen::Matrix<double, 8, 8>;
 
   bool inside(const Vec& p) const {
     return p(0) >= window_.u0 && p(0) <= window_.u1 && p(1) >= window_.v0 && p(1) <= window_.v1 && p(2) < 40.0 &&
@@ -203,8 +204,8 @@ class SaturatedFit {
   void profiles(const Vec& p) {
     x_.compute(window_.u0, window_.width(), p(0), p(3));
     y_.compute(window_.v0, window_.height(), p(1), p(3));
-    halo_x_.compute(window_.u0, window_.width(), p(0) + p(5), sensor_.halo_sigma_px);
-    halo_y_.compute(window_.v0, window_.height(), p(1) + p(6), sensor_.halo_sigma_px);
+    halo_x_.compute(window_.u0, window_.width(), p(0) + p(5), p(7));
+    halo_y_.compute(window_.v0, window_.height(), p(1) + p(6), p(7));
   }
 
   // The brightest pixels that are not saturated lie where the core, not the halo, rules: the median of the fluxes that
@@ -279,7 +280,8 @@ class SaturatedFit {
         const double halo_v = flux * p(4) * halo_x_.share[i] * halo_y_.by_center[j];
         Vec jacobian;
         jacobian << flux * x_.by_center[i] * y_.share[j] + halo_u, flux * x_.share[i] * y_.by_center[j] + halo_v, signal,
-            flux * (x_.by_sigma[i] * y_.share[j] + x_.share[i] * y_.by_sigma[j]), flux * halo, halo_u, halo_v;
+            flux * (x_.by_sigma[i] * y_.share[j] + x_.share[i] * y_.by_sigma[j]), flux * halo, halo_u, halo_v,
+            flux * p(4) * (halo_x_.by_sigma[i] * halo_y_.share[j] + halo_x_.share[i] * halo_y_.by_sigma[j]);
         information_.noalias() += weight * jacobian * jacobian.transpose();
         gradient_ += weight * residual * jacobian;
         cost += weight * residual * residual;
@@ -296,6 +298,7 @@ class SaturatedFit {
     believe(4, sensor_.halo_fraction, 2.0 * sensor_.halo_fraction);
     believe(5, 0.0, sensor_.halo_offset_px);
     believe(6, 0.0, sensor_.halo_offset_px);
+    believe(7, sensor_.halo_sigma_px, 0.3 * sensor_.halo_sigma_px);
     return cost;
   }
 
@@ -340,6 +343,42 @@ PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, doub
   return SaturatedFit<T>(image, window, background_dn, background_sigma_dn, sensor).run(guess);
 }
 
+template <typename T>
+PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
+                      double background_sigma_dn, const SensorModel& sensor, const Companion& companion) {
+  constexpr int kMaxRounds = 8;
+  constexpr double kFluxRatioError = 0.1;
+  PsfFit fit = fit_psf(image, window, guess, background_dn, background_sigma_dn, sensor);
+  const Vec2 first = fit.pixel.vec();
+  std::array<float, kMaxFitWindow * kMaxFitWindow> light;
+  const ImageView<float> alone(light.data(), window.width(), window.height());
+  const Window whole{0, 0, window.width() - 1, window.height() - 1};
+  AxisProfile x, y;
+  for (int round = 0; round < kMaxRounds && fit.converged; ++round) {
+    x.compute(window.u0, window.width(), fit.pixel.u + companion.offset_px.x(), fit.sigma_px);
+    y.compute(window.v0, window.height(), fit.pixel.v + companion.offset_px.y(), fit.sigma_px);
+    for (int j = 0; j < window.height(); ++j) {
+      for (int i = 0; i < window.width(); ++i) {
+        const auto dn = static_cast<double>(image(window.u0 + i, window.v0 + j));
+        const double other = companion.flux_ratio * fit.flux_dn * x.share[i] * y.share[j];
+        // A saturated pixel stays one, whoever filled it.
+        alone(i, j) = static_cast<float>(dn >= sensor.saturation_dn ? dn : dn - other);
+      }
+    }
+    const Pixel start{fit.pixel.u - window.u0, fit.pixel.v - window.v0};
+    PsfFit next = fit_psf(ImageView<const float>(alone), whole, start, background_dn, background_sigma_dn, sensor);
+    next.pixel = {next.pixel.u + window.u0, next.pixel.v + window.v0};
+    const double moved = (next.pixel.vec() - fit.pixel.vec()).norm();
+    fit = next;
+    if (moved < 10.0 * kConverged) break;
+  }
+  const Vec2 shift = kFluxRatioError * (fit.pixel.vec() - first);
+  fit.covariance_px2 += shift * shift.transpose();
+  return fit;
+}
+
+template PsfFit fit_psf_beside<std::uint16_t>(ImageView<const std::uint16_t>, const Window&, Pixel, double, double,
+                                              const SensorModel&, const Companion&);
 template PsfFit fit_psf<std::uint16_t>(ImageView<const std::uint16_t>, const Window&, Pixel, double, double,
                                        const SensorModel&);
 template PsfFit fit_psf<float>(ImageView<const float>, const Window&, Pixel, double, double, const SensorModel&);

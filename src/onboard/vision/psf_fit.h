@@ -63,4 +63,16 @@ template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                double background_sigma_dn, const SensorModel& sensor);
 
+// Another body whose light falls into the window: its place relative to the spot, and its share of the spot's light.
+struct Companion {
+  Vec2 offset_px = Vec2::Zero();
+  double flux_ratio = 0.0;
+};
+
+// The same beside a companion (the Moon beside the Earth): its light is taken away, and the fit repeated until both agree.
+// The flux ratio is believed to 10 %; what that moves the place by is added to the covariance.
+template <typename T>
+PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
+                      double background_sigma_dn, const SensorModel& sensor, const Companion& companion);
+
 }  // namespace astronav::vision

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 
 namespace astronav::vision {
 namespace {
@@ -63,6 +64,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     planets_[i] = PlanetMatch{};
     planets_[i].body = predictions[i].body;
     if (!known) continue;
+    if (predictions[i].companion_flux_ratio > 0.0) part_from_companion(frame, predictions[i]);
     planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
                               std::span<const unsigned char>(is_star_.data(), spots), settings_.planets);
     if (planets_[i].found) is_star_[planets_[i].centroid] = 1;
@@ -71,6 +73,32 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   const double done = now_ms();
   result_.time_ms = {centroided - begin, identified - centroided, done - identified, done - begin};
   return result_;
+}
+
+// The spot nearest to the prediction is measured again with the companion's light taken away: blended, it would be off by
+// more than its covariance says, and be refused.
+void Vision::part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction) {
+  constexpr double kNearPx = 4.0;      // a blended centroid lies this near to the planet
+  constexpr double kCompanionPx = 20.0;  // beyond it the light does not reach the window
+  const Result<PredictedPixel> planet = predict_pixel(prediction, result_.attitude);
+  const Result<Pixel> companion = project(result_.attitude.intrinsics, result_.attitude.R_CN * prediction.companion_direction_N);
+  if (!planet || !companion) return;
+  const Companion beside{companion->vec() - planet->pixel.vec(), prediction.companion_flux_ratio};
+  if (beside.offset_px.norm() > kCompanionPx) return;
+  const double sigma_px = std::sqrt(planet->covariance_px2.trace());
+  std::size_t nearest = result_.centroids.size();
+  double least = std::max(kNearPx, 3.0 * sigma_px);
+  for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
+    if (is_star_[i]) continue;
+    const double distance = (result_.centroids[i].pixel.vec() - planet->pixel.vec()).norm();
+    if (distance < least) {
+      least = distance;
+      nearest = i;
+    }
+  }
+  if (nearest == result_.centroids.size()) return;
+  const Pixel guess = sigma_px < 1.0 ? planet->pixel : centroids_[nearest].pixel;
+  finder_.measure_beside(frame, result_.level, guess, beside, centroids_[nearest]);
 }
 
 }  // namespace astronav::vision

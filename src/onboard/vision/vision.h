@@ -56,6 +56,8 @@ class Vision {
                              std::span<const PlanetPrediction> predictions = {});
 
  private:
+  void part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction);
+
   VisionSettings settings_;
   CentroidFinder finder_;
   Identifier identifier_;

@@ -89,7 +89,10 @@ Result<Records> Flight::fly() {
     if (!eyes) return forward(eyes);
     eyes_ = std::move(*eyes);
   }
-  const executive::NavigatorSettings settings{*filter, beacon_settings(scenario_, believed_camera_)};
+  const executive::NavigatorSettings settings{
+      *filter, beacon_settings(scenario_, believed_camera_),
+      executive::BrightnessSettings{BandPhotometry(believed_camera_), believed_camera_.exposure_s,
+                                    believed_camera_.detector.gain_e_dn}};
   navigator_ = std::make_unique<executive::Navigator>(settings, world_.ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
   if (const auto ok = start(begin); !ok) return forward(ok);
   for (int c = 0; c < timeline_->cycles(); ++c) {
