@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "models/oem/oem.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -10,6 +8,8 @@
 #include <cmath>
 #include <map>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "foundation/base/check.h"
 
@@ -39,7 +39,9 @@ struct Entry {
   Word value;
 };
 
-bool is_digit(char c) { return c >= '0' && c <= '9'; }
+bool is_digit(char c) {
+  return c >= '0' && c <= '9';
+}
 
 class Parser {
  public:
@@ -130,7 +132,8 @@ class Parser {
 
   Result<Entry> entry() const {
     const std::size_t equals = line_.text.find('=');
-    if (equals == std::string_view::npos) return error("expected 'KEYWORD = value', found '{s}'", line_.place, line_.text);
+    if (equals == std::string_view::npos)
+      return error("expected 'KEYWORD = value', found '{s}'", line_.place, line_.text);
     const std::string_view key = line_.text.substr(0, equals);
     const Entry e{{key.substr(0, key.find_last_not_of(kBlank) + 1), line_.place}, rest(equals + 1)};
     if (e.value.text.empty()) return error("{s} has no value", e.value.place, e.key.text);
@@ -143,7 +146,8 @@ class Parser {
     if (first != last && *first == '+' && w.text.size() > 1 && w.text[1] != '-') ++first;
     double value = 0.0;
     const auto [end, ec] = std::from_chars(first, last, value);
-    if (ec != std::errc{} || end != last || !std::isfinite(value)) return error("'{s}' is not a number", w.place, w.text);
+    if (ec != std::errc{} || end != last || !std::isfinite(value))
+      return error("'{s}' is not a number", w.place, w.text);
     return value;
   }
 
@@ -344,7 +348,8 @@ class Parser {
       }
       auto e = entry();
       if (!e) return forward(e);
-      if (e->key.text != "EPOCH") return error("expected EPOCH or COVARIANCE_STOP, found '{s}'", e->key.place, e->key.text);
+      if (e->key.text != "EPOCH")
+        return error("expected EPOCH or COVARIANCE_STOP, found '{s}'", e->key.place, e->key.text);
       auto when = epoch(e->value, m.scale);
       if (!when) return forward(when);
       OemCovariance c{*when, {}};
@@ -352,7 +357,8 @@ class Parser {
       if (line_.text.starts_with("COV_REF_FRAME")) {
         auto frame = entry();
         if (!frame) return forward(frame);
-        if (frame->key.text != "COV_REF_FRAME") return error("unknown keyword '{s}'", frame->key.place, frame->key.text);
+        if (frame->key.text != "COV_REF_FRAME")
+          return error("unknown keyword '{s}'", frame->key.place, frame->key.text);
         if (frame_axes(frame->value.text).empty()) {
           return error("covariance frame '{s}' is not handled; ICRF, GCRF, EME2000 and J2000 are", frame->value.place,
                        frame->value.text, ErrorCode::unsupported);
@@ -432,8 +438,10 @@ class Parser {
     if (m.object_id != first_.object_id) return refuse("this segment is of another object; one object a file is read");
     if (m.center != first_.center) return refuse("this segment has another centre than the one before it");
     if (m.scale != first_.scale) return refuse("this segment has another time system than the one before it");
-    if (epochs.front() > oem_.epochs.back()) return refuse("there is a gap before this segment; it must begin where the last ended");
-    if (epochs.front() < oem_.epochs.back()) return refuse("this segment overlaps the one before it; it must begin where the last ended");
+    if (epochs.front() > oem_.epochs.back())
+      return refuse("there is a gap before this segment; it must begin where the last ended");
+    if (epochs.front() < oem_.epochs.back())
+      return refuse("this segment overlaps the one before it; it must begin where the last ended");
     const State& before = oem_.states.back();
     if ((states.front().p_m - before.p_m).norm() > kJoinPosition_m ||
         (states.front().v_m_s - before.v_m_s).norm() > kJoinVelocity_m_s) {
@@ -467,10 +475,14 @@ std::string center_name(BodyId id) {
 
 std::string scale_name(TimeScale scale) {
   switch (scale) {
-    case TimeScale::utc: return "UTC";
-    case TimeScale::tai: return "TAI";
-    case TimeScale::tt: return "TT";
-    case TimeScale::tdb: return "TDB";
+    case TimeScale::utc:
+      return "UTC";
+    case TimeScale::tai:
+      return "TAI";
+    case TimeScale::tt:
+      return "TT";
+    case TimeScale::tdb:
+      return "TDB";
   }
   return {};
 }

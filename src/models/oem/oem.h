@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // CCSDS Orbit Ephemeris Messages (CCSDS 502.0-B-3, chapter 5), KVN form, read and written, with covariance.
 //
-// Edges in km and km/s; here metres. Frames "ICRF", "GCRF", "EME2000" and "J2000" are all taken as ICRF axes: no bias is
-// applied. Reading is strict: unknown or misplaced keywords, a wrong number of fields, epochs out of order or outside
-// START_TIME..STOP_TIME are errors at "name:line:column". Segments of one object, frame, centre and time system are
-// joined where one begins with the state with which the last ended; anything else between segments is an error.
+// Edges in km and km/s; here metres. Frames "ICRF", "GCRF", "EME2000" and "J2000" are all taken as ICRF axes: no bias
+// is applied. Reading is strict: unknown or misplaced keywords, a wrong number of fields, epochs out of order or
+// outside START_TIME..STOP_TIME are errors at "name:line:column". Segments of one object, frame, centre and time system
+// are joined where one begins with the state with which the last ended; anything else between segments is an error.
 #pragma once
 
 #include <optional>
@@ -33,8 +33,8 @@ struct Oem {
   std::vector<std::string> comments;  // of the header, one line each
   BodyId center = body::solar_system_barycenter;
   TimeScale scale = TimeScale::tdb;
-  std::vector<Epoch> epochs;  // strictly ascending
-  std::vector<State> states;  // N, relative to the centre
+  std::vector<Epoch> epochs;               // strictly ascending
+  std::vector<State> states;               // N, relative to the centre
   std::vector<OemCovariance> covariances;  // epochs ascending
   // The part of the span where interpolation is meant to be used (USEABLE_START_TIME, USEABLE_STOP_TIME).
   std::optional<Epoch> useable_begin;

@@ -23,7 +23,8 @@ Result<UnmodelledAcceleration> UnmodelledAcceleration::draw(const UnmodelledSett
   if (settings.sigma_m_s2 == 0.0) return out;
   out.begin_ = begin;
   out.grid_ = settings.grid;
-  const std::int64_t intervals = ((end - begin).nanoseconds() + settings.grid.nanoseconds() - 1) / settings.grid.nanoseconds();
+  const std::int64_t intervals =
+      ((end - begin).nanoseconds() + settings.grid.nanoseconds() - 1) / settings.grid.nanoseconds();
   constexpr std::int64_t kMost = 10'000'000;
   if (intervals > kMost) {
     return fail(ErrorCode::limit_exceeded, "the unmodelled acceleration has {0} intervals; at most {1} are allowed",

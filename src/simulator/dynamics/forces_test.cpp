@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/dynamics/forces.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/statistics.h"
@@ -20,7 +20,9 @@ const Ephemeris& ephemeris() {
   static const Kernel kernel;
   return kernel.ephemeris;
 }
-Epoch when() { return Epoch::parse("2027-03-01T00:00:00 TDB").value(); }
+Epoch when() {
+  return Epoch::parse("2027-03-01T00:00:00 TDB").value();
+}
 
 ForceSettings only(std::vector<BodyId> bodies) {
   return {.bodies = std::move(bodies), .relativity = false, .srp_cr_area_over_mass_m2_kg = 0.0};
@@ -105,7 +107,8 @@ TEST(UnmodelledAcceleration, IsTheSameForTheSameSeed) {
 
 TEST(UnmodelledAcceleration, Knots) {
   RandomStream stream(StreamId{.purpose = "knots"});
-  const auto a = UnmodelledAcceleration::draw({.sigma_m_s2 = 1.0}, when(), when() + Duration::days(1.0), stream).value();
+  const auto a =
+      UnmodelledAcceleration::draw({.sigma_m_s2 = 1.0}, when(), when() + Duration::days(1.0), stream).value();
   const auto day = [](double d) { return when() + Duration::days(d); };
   EXPECT_EQ(a.next_knot(day(0.0), day(9.0)), day(0.25));
   EXPECT_EQ(a.next_knot(day(0.1), day(9.0)), day(0.25));
@@ -126,8 +129,7 @@ TEST(UnmodelledAcceleration, HasItsVarianceAndCorrelation) {
   RandomStream stream(StreamId{.seed = 3, .purpose = "statistics"});
   const UnmodelledSettings settings{.sigma_m_s2 = 2e-8, .tau = Duration::days(5.0), .grid = Duration::days(2.5)};
   const int count = 20000;
-  const auto a =
-      UnmodelledAcceleration::draw(settings, when(), when() + settings.grid * count, stream).value();
+  const auto a = UnmodelledAcceleration::draw(settings, when(), when() + settings.grid * count, stream).value();
   double square = 0.0, product = 0.0;
   Vec3 before = a.at(when());
   for (int i = 1; i <= count; ++i) {

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/dynamics/propagation.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
-#include <boost/numeric/odeint/stepper/runge_kutta_fehlberg78.hpp>
 #include <cmath>
 #include <optional>
 #include <utility>
+
+#include <boost/numeric/odeint/stepper/runge_kutta_fehlberg78.hpp>
+#include <fmt/format.h>
 
 #include "foundation/base/check.h"
 
@@ -40,8 +40,12 @@ struct Quintic {
   Vec3 acceleration(double s) const { return 2.0 * half_a + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5)); }
 };
 
-Array6 to_array(const State& s) { return {s.p_m.x(), s.p_m.y(), s.p_m.z(), s.v_m_s.x(), s.v_m_s.y(), s.v_m_s.z()}; }
-State to_state(const Array6& x) { return {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}}; }
+Array6 to_array(const State& s) {
+  return {s.p_m.x(), s.p_m.y(), s.p_m.z(), s.v_m_s.x(), s.v_m_s.y(), s.v_m_s.z()};
+}
+State to_state(const Array6& x) {
+  return {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
+}
 
 // `knot(e, to)` is the next epoch on the way from e to `to` at which the field is not smooth; no step crosses one.
 template <typename Knot>
@@ -107,7 +111,8 @@ Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const St
     const Duration proposal = std::min(Duration::seconds(used.seconds() * scale), settings.max_step);
     step = accepted && whole_room ? std::max(step, proposal) : proposal;
     if (step < settings.min_step) {
-      return fail(ErrorCode::not_converged, "the step of integration fell below {0} s at {s}: a fall into a point mass?",
+      return fail(ErrorCode::not_converged,
+                  "the step of integration fell below {0} s at {s}: a fall into a point mass?",
                   {settings.min_step.seconds()}, {}, node.epoch.iso());
     }
   }
@@ -119,9 +124,8 @@ Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const St
 
 Arc::Arc(std::vector<Node> nodes) : nodes_(std::move(nodes)) {
   ASTRONAV_CHECK(!nodes_.empty());
-  ASTRONAV_CHECK(std::adjacent_find(nodes_.begin(), nodes_.end(), [](const Node& a, const Node& b) {
-                   return a.epoch >= b.epoch;
-                 }) == nodes_.end());
+  ASTRONAV_CHECK(std::adjacent_find(nodes_.begin(), nodes_.end(),
+                                    [](const Node& a, const Node& b) { return a.epoch >= b.epoch; }) == nodes_.end());
 }
 
 Result<State> Arc::at(Epoch epoch) const {
@@ -129,8 +133,8 @@ Result<State> Arc::at(Epoch epoch) const {
     return fail(ErrorCode::out_of_range, "the trajectory does not cover {s}", {}, {},
                 fmt::format("{}; it runs from {} to {}", epoch.iso(), begin().iso(), end().iso()));
   }
-  const auto next = std::upper_bound(nodes_.begin(), nodes_.end(), epoch,
-                                     [](Epoch e, const Node& n) { return e < n.epoch; });
+  const auto next =
+      std::upper_bound(nodes_.begin(), nodes_.end(), epoch, [](Epoch e, const Node& n) { return e < n.epoch; });
   const Node& before = *std::prev(next);
   if (before.epoch == epoch) return before.state;
   return Quintic(before, *next).state((epoch - before.epoch).seconds());
@@ -145,7 +149,8 @@ Result<Arc> propagate(const ForceModel& forces, const State& start, Epoch from, 
 
 Result<Arc> propagate(const AccelerationField& field, const State& start, Epoch from, Epoch to,
                       const PropagationSettings& settings) {
-  return integrate(field, [](Epoch, Epoch limit) { return limit; }, start, from, to, settings);
+  return integrate(
+      field, [](Epoch, Epoch limit) { return limit; }, start, from, to, settings);
 }
 
 }  // namespace astronav::dynamics

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/dynamics/propagation.h"
 
-#include <gtest/gtest.h>
-
-#include <Eigen/Geometry>
 #include <chrono>
 #include <cmath>
+
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 
@@ -14,16 +14,22 @@ namespace {
 
 constexpr double kSunGm = 1.32712440041e20;
 
-Result<Vec3> sun_alone(Epoch, const State& s) { return Vec3(-kSunGm / std::pow(s.p_m.norm(), 3) * s.p_m); }
+Result<Vec3> sun_alone(Epoch, const State& s) {
+  return Vec3(-kSunGm / std::pow(s.p_m.norm(), 3) * s.p_m);
+}
 
 // Perihelion at 1 AU of an ellipse with aphelion at 1.5 AU.
 State perihelion() {
   const double a = 1.25 * kAstronomicalUnit;
   return {{kAstronomicalUnit, 0.0, 0.0}, {0.0, std::sqrt(kSunGm * (2.0 / kAstronomicalUnit - 1.0 / a)), 0.0}};
 }
-double period_s() { return 2.0 * kPi * std::sqrt(std::pow(1.25 * kAstronomicalUnit, 3) / kSunGm); }
+double period_s() {
+  return 2.0 * kPi * std::sqrt(std::pow(1.25 * kAstronomicalUnit, 3) / kSunGm);
+}
 
-double energy(const State& s) { return 0.5 * s.v_m_s.squaredNorm() - kSunGm / s.p_m.norm(); }
+double energy(const State& s) {
+  return 0.5 * s.v_m_s.squaredNorm() - kSunGm / s.p_m.norm();
+}
 
 // Kepler's equation, solved here: the place at a time since perihelion.
 Vec3 kepler(double t) {
@@ -100,8 +106,8 @@ TEST(Propagation, FollowsACloseFlyby) {
 }
 
 TEST(Propagation, SaysSoWhenItFallsIntoAPointMass) {
-  const auto fall = propagate(AccelerationField(sun_alone), {{1e9, 0.0, 0.0}, Vec3::Zero()}, Epoch(),
-                              Epoch() + Duration::days(10.0));
+  const auto fall =
+      propagate(AccelerationField(sun_alone), {{1e9, 0.0, 0.0}, Vec3::Zero()}, Epoch(), Epoch() + Duration::days(10.0));
   ASSERT_FALSE(fall);
   EXPECT_EQ(fall.error().code, ErrorCode::not_converged);
   const State broken{{std::nan(""), 0.0, 0.0}, Vec3::Zero()};
@@ -128,15 +134,15 @@ TEST(Propagation, IsGoodToCentimetresOver300Days) {
   const Epoch end = begin + Duration::days(300.0);
   RandomStream stream(StreamId{.seed = 1, .purpose = "unmodelled acceleration"});
   const auto forces = ForceModel::create(
-      kernel.ephemeris, {},
-      UnmodelledAcceleration::draw({.sigma_m_s2 = 1e-8}, begin, end, stream).value());
+      kernel.ephemeris, {}, UnmodelledAcceleration::draw({.sigma_m_s2 = 1e-8}, begin, end, stream).value());
   ASSERT_TRUE(forces) << describe(forces.error());
   State start = kernel.ephemeris.state(body::earth, body::solar_system_barycenter, begin).value();
   start.v_m_s *= 1.1;
   start.p_m += 1e9 * start.v_m_s.normalized();
   const auto usual = propagate(*forces, start, begin, end);
-  const auto tight = propagate(*forces, start, begin, end,
-                               {.position_tolerance_m = 5e-4, .velocity_tolerance_m_s = 1e-12, .max_step = Duration::days(0.125)});
+  const auto tight =
+      propagate(*forces, start, begin, end,
+                {.position_tolerance_m = 5e-4, .velocity_tolerance_m_s = 1e-12, .max_step = Duration::days(0.125)});
   ASSERT_TRUE(usual && tight);
   EXPECT_GT(tight->nodes().size(), usual->nodes().size());
   double worst = 0.0;

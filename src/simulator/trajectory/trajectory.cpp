@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/trajectory/trajectory.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +8,8 @@
 #include <optional>
 #include <utility>
 #include <vector>
+
+#include <fmt/format.h>
 
 namespace astronav::trajectory {
 namespace {
@@ -159,7 +159,8 @@ Result<TrajectoryPtr> from_oem(const Oem& oem, const Ephemeris* ephemeris) {
   }
   if (oem.center == body::solar_system_barycenter) return std::make_shared<OemTrajectory>(oem, std::nullopt);
   if (ephemeris == nullptr) {
-    return fail(ErrorCode::invalid_argument, "the message is about body {0}; an ephemeris is needed to refer it to the barycentre",
+    return fail(ErrorCode::invalid_argument,
+                "the message is about body {0}; an ephemeris is needed to refer it to the barycentre",
                 {static_cast<double>(oem.center.value)});
   }
   auto center = ephemeris->resolve(oem.center);
@@ -167,7 +168,9 @@ Result<TrajectoryPtr> from_oem(const Oem& oem, const Ephemeris* ephemeris) {
   return std::make_shared<OemTrajectory>(oem, *ephemeris);
 }
 
-TrajectoryPtr from_arc(dynamics::Arc arc) { return std::make_shared<ArcTrajectory>(std::move(arc)); }
+TrajectoryPtr from_arc(dynamics::Arc arc) {
+  return std::make_shared<ArcTrajectory>(std::move(arc));
+}
 
 Result<Oem> to_oem(const Trajectory& trajectory, Epoch begin, Epoch end, Duration step) {
   constexpr std::int64_t kMost = 10'000'000;

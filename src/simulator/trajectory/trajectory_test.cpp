@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/trajectory/trajectory.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <thread>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 
@@ -20,7 +20,9 @@ const Ephemeris& ephemeris() {
   static const Kernel kernel;
   return kernel.ephemeris;
 }
-Epoch day(double d) { return Epoch::parse("2027-01-01T00:00:00 TDB").value() + Duration::days(d); }
+Epoch day(double d) {
+  return Epoch::parse("2027-01-01T00:00:00 TDB").value() + Duration::days(d);
+}
 
 TEST(Trajectory, OfABodyOfTheEphemeris) {
   const auto mars = from_ephemeris(ephemeris(), body::mars);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/transfer/ballistic.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <utility>
+
+#include <Eigen/Dense>
 
 namespace astronav::transfer {
 namespace {
@@ -53,11 +54,11 @@ Hyperbola osculating(const State& s, double gm) {
 
 class Shooter {
  public:
-  Shooter(const dynamics::ForceModel& forces, const dynamics::PropagationSettings& propagation, State departure_body_O,
-          double pericentre_m, double departure_gm, Epoch departure, Epoch arrival)
+  Shooter(const dynamics::ForceModel& forces, const dynamics::PropagationSettings& propagation,
+          const State& departure_body_O, double pericentre_m, double departure_gm, Epoch departure, Epoch arrival)
       : forces_(forces),
         propagation_(propagation),
-        departure_body_O_(std::move(departure_body_O)),
+        departure_body_O_(departure_body_O),
         pericentre_m_(pericentre_m),
         departure_gm_(departure_gm),
         departure_(departure),
@@ -89,6 +90,11 @@ struct Solution {
   double miss_m = 0.0;
   int iterations = 0;
 };
+
+// Laplace's sphere of influence at a distance from the Sun.
+double sphere_of_influence(double distance_m, double gm, double sun_gm) {
+  return distance_m * std::pow(gm / sun_gm, 0.4);
+}
 
 // Newton's method with a numerical Jacobian; a step that makes things worse is halved.
 Result<Solution> correct(const Shooter& shooter, const Vec3& first_guess, const Vec3& aim, double tolerance_m) {
@@ -127,7 +133,8 @@ Result<Solution> correct(const Shooter& shooter, const Vec3& first_guess, const 
   }
   now.miss_m = miss.norm();
   if (now.miss_m > tolerance_m) {
-    return fail(ErrorCode::not_converged, "no ballistic transfer found: after {0} corrections the arrival misses by {1} km",
+    return fail(ErrorCode::not_converged,
+                "no ballistic transfer found: after {0} corrections the arrival misses by {1} km",
                 {static_cast<double>(now.iterations), now.miss_m * 1e-3});
   }
   return now;
@@ -141,17 +148,22 @@ Result<BallisticDesign> design_ballistic(const Ephemeris& ephemeris, BodyId from
   const Epoch begin = departure + settings.coast_in;
   const Epoch end = arrival - settings.coast_out;
   if (settings.coast_in < Duration{} || settings.coast_out < Duration{} || end <= begin) {
-    return fail(ErrorCode::invalid_argument, "a transfer of {0} d has no cruise left after {1} d at its beginning and {2} d at its end",
+    return fail(ErrorCode::invalid_argument,
+                "a transfer of {0} d has no cruise left after {1} d at its beginning and {2} d at its end",
                 {duration.days(), settings.coast_in.days(), settings.coast_out.days()});
   }
   const auto from_constants = body_constants(from);
   if (!from_constants) return forward(from_constants);
+  const auto sun_constants = body_constants(body::sun);
+  if (!sun_constants) return forward(sun_constants);
   const auto to_constants = body_constants(to);
   if (!to_constants) return forward(to_constants);
   if (!(settings.departure_altitude_m > 0.0) || !std::isfinite(settings.departure_altitude_m) ||
-      !(settings.miss_distance_m > to_constants->equatorial_radius_m) || !std::isfinite(settings.miss_distance_m)) {
+      !std::isfinite(settings.miss_distance_m) ||
+      (settings.miss_distance_m != 0.0 && settings.miss_distance_m <= to_constants->equatorial_radius_m)) {
     return fail(ErrorCode::invalid_argument,
-                "the departure altitude ({0} km) must be above zero, the miss distance ({1} km) beyond the body's radius ({2} km)",
+                "the departure altitude ({0} km) must be above zero, the miss distance ({1} km) beyond the body's "
+                "radius ({2} km)",
                 {settings.departure_altitude_m * 1e-3, settings.miss_distance_m * 1e-3,
                  to_constants->equatorial_radius_m * 1e-3});
   }
@@ -168,11 +180,25 @@ Result<BallisticDesign> design_ballistic(const Ephemeris& ephemeris, BodyId from
   if (!to_S) return forward(to_S);
 
   const Vec3 outwards = across(to_S->p_m, leg->v_infinity_arrival_m_s, Vec3::UnitZ());
-  const Vec3 aim = to_O->p_m + settings.miss_distance_m * outwards;
-  const Shooter shooter(*forces, settings.propagation, *from_O,
-                        from_constants->equatorial_radius_m + settings.departure_altitude_m, from_constants->gm_m3_s2,
-                        departure, arrival);
-  const auto solution = correct(shooter, leg->v_infinity_departure_m_s, aim, settings.position_tolerance_m);
+  const double miss_distance =
+      settings.miss_distance_m != 0.0
+          ? settings.miss_distance_m
+          : 0.2 * sphere_of_influence(to_S->p_m.norm(), to_constants->gm_m3_s2, sun_constants->gm_m3_s2);
+  const Vec3 aim = to_O->p_m + miss_distance * outwards;
+  const double pericentre = from_constants->equatorial_radius_m + settings.departure_altitude_m;
+  const Shooter shooter(*forces, settings.propagation, *from_O, pericentre, from_constants->gm_m3_s2, departure,
+                        arrival);
+  auto solution = correct(shooter, leg->v_infinity_departure_m_s, aim, settings.position_tolerance_m);
+  if (!solution && solution.error().code == ErrorCode::not_converged) {
+    dynamics::ForceSettings without = settings.forces;
+    std::erase_if(without.bodies, [&](BodyId id) { return id == to || id == barycenter_of(to); });
+    const auto weak = dynamics::ForceModel::create(ephemeris, without);
+    if (!weak) return forward(weak);
+    const Shooter first(*weak, settings.propagation, *from_O, pericentre, from_constants->gm_m3_s2, departure, arrival);
+    const auto guess = correct(first, leg->v_infinity_departure_m_s, aim, settings.position_tolerance_m);
+    if (!guess) return forward(guess);
+    solution = correct(shooter, guess->v_infinity, aim, settings.position_tolerance_m);
+  }
   if (!solution) return forward(solution);
 
   const auto whole = shooter.fly(solution->v_infinity);
@@ -182,8 +208,7 @@ Result<BallisticDesign> design_ballistic(const Ephemeris& ephemeris, BodyId from
   auto cruise = dynamics::propagate(*forces, *initial, begin, arrival, settings.propagation);
   if (!cruise) return forward(cruise);
   const State last = cruise->nodes().back().state;
-  const Hyperbola encounter =
-      osculating({last.p_m - to_O->p_m, last.v_m_s - to_O->v_m_s}, to_constants->gm_m3_s2);
+  const Hyperbola encounter = osculating({last.p_m - to_O->p_m, last.v_m_s - to_O->v_m_s}, to_constants->gm_m3_s2);
   return BallisticDesign{.departure = departure,
                          .arrival = arrival,
                          .begin = begin,
@@ -191,6 +216,7 @@ Result<BallisticDesign> design_ballistic(const Ephemeris& ephemeris, BodyId from
                          .initial = *initial,
                          .arc = std::move(*cruise),
                          .lambert = *leg,
+                         .miss_distance_m = miss_distance,
                          .v_infinity_departure_m_s = solution->v_infinity,
                          .v_infinity_arrival_m_s = encounter.v_infinity_in,
                          .c3_m2_s2 = solution->v_infinity.squaredNorm(),

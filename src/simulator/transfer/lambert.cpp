@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/transfer/lambert.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <boost/math/tools/toms748_solve.hpp>
 #include <cmath>
 #include <cstdint>
+
+#include <Eigen/Geometry>
+#include <boost/math/tools/toms748_solve.hpp>
 
 namespace astronav::transfer {
 namespace {
@@ -64,7 +65,8 @@ Result<LambertVelocities> lambert(const Vec3& p1_m, const Vec3& p2_m, double tim
   normal.normalize();
   const double along_pole = normal.dot(pole.normalized());
   if (std::abs(along_pole) < 1e-12) {
-    return fail(ErrorCode::invalid_argument, "the plane of the transfer contains the pole: neither way round is prograde");
+    return fail(ErrorCode::invalid_argument,
+                "the plane of the transfer contains the pole: neither way round is prograde");
   }
   const double way = along_pole > 0.0 ? 1.0 : -1.0;  // -1: more than half a turn
   normal *= way;
@@ -104,9 +106,8 @@ Result<LambertVelocities> lambert(const Vec3& p1_m, const Vec3& p2_m, double tim
   const double radial_difference = g.lambda * y - x;
   const double radial_sum = rho * (g.lambda * y + x);
   const double transverse = gamma * sigma * (y + g.lambda * x);
-  return LambertVelocities{
-      gamma * (radial_difference - radial_sum) / r1 * u1 + transverse / r1 * normal.cross(u1),
-      -gamma * (radial_difference + radial_sum) / r2 * u2 + transverse / r2 * normal.cross(u2)};
+  return LambertVelocities{gamma * (radial_difference - radial_sum) / r1 * u1 + transverse / r1 * normal.cross(u1),
+                           -gamma * (radial_difference + radial_sum) / r2 * u2 + transverse / r2 * normal.cross(u2)};
 }
 
 Result<LambertLeg> lambert_leg(const Ephemeris& ephemeris, BodyId from, BodyId to, Epoch departure, Duration duration) {

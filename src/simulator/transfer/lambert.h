@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lambert's problem: the conic from one place to another in a given time (less than one revolution).
 //
-// Izzo, "Revisiting Lambert's problem", Celest. Mech. Dyn. Astr. 121 (2015): his variable x and time equations; the root
-// is bracketed and found by TOMS 748, so that it always converges.
+// Izzo, "Revisiting Lambert's problem", Celest. Mech. Dyn. Astr. 121 (2015): his variable x and time equations; the
+// root is bracketed and found by TOMS 748, so that it always converges.
 #pragma once
 
 #include "foundation/base/error.h"

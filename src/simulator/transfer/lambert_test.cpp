@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/transfer/lambert.h"
 
-#include <gtest/gtest.h>
+#include <cmath>
 
 #include <Eigen/Geometry>
-#include <cmath>
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/random.h"

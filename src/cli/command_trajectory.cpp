@@ -1,0 +1,381 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/commands.h"
+#include "cli/inputs.h"
+#include "foundation/files/mapped_file.h"
+#include "models/oem/oem.h"
+#include "simulator/trajectory/trajectory.h"
+#include "simulator/transfer/ballistic.h"
+
+namespace astronav::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct InfoOptions {
+  std::string file;
+  bool json = false;
+};
+
+struct ConvertOptions {
+  std::string in;
+  std::string out;
+  std::string body, center, begin, end, step;
+  std::vector<std::string> kernels;
+  bool json = false;
+};
+
+struct DesignOptions {
+  std::string from = "earth";
+  std::string to = "mars";
+  std::string departure;
+  double days = 0.0;
+  double miss_km = 0.0;
+  double coast_in_days = 3.0;
+  double coast_out_days = 3.0;
+  std::string step = "6h";
+  std::string out;
+  std::vector<std::string> kernels;
+  bool json = false;
+};
+
+std::string title(BodyId id) {
+  const std::string_view known = body_name(id);
+  return known.empty() ? fmt::format("{}", id.value) : std::string(known);
+}
+
+Json xyz_km(const Vec3& v) {
+  return {{"x", v.x() * 1e-3}, {"y", v.y() * 1e-3}, {"z", v.z() * 1e-3}};
+}
+
+enum class Kind { spk, oem };
+
+Result<Kind> kind_of(const MappedFile& file) {
+  const std::string_view text = file.text();
+  if (text.starts_with("DAF/SPK") || text.starts_with("NAIF/DAF")) return Kind::spk;
+  const std::size_t first = text.find_first_not_of(" \t\r\n");
+  if (first != std::string_view::npos && (text.substr(first).starts_with("CCSDS_OEM_VERS") || text[first] == '<'))
+    return Kind::oem;
+  return fail(ErrorCode::corrupt_data,
+              text.empty() ? "the file is empty; expected an SPK kernel or an Orbit Ephemeris Message (KVN)"
+                           : "neither an SPK kernel (DAF/SPK) nor an Orbit Ephemeris Message (CCSDS_OEM_VERS = ...)",
+              {}, file.path().string());
+}
+
+Result<void> info_of_spk(const InfoOptions& options, const MappedFile& file) {
+  const auto ephemeris = Ephemeris::open(file.bytes());
+  if (!ephemeris) return forward(ephemeris, options.file);
+  if (!options.json) {
+    fmt::print("SPK kernel, {} segments\n{:<28} {:<28} {:>4}  {:<23} {:<23}\n", ephemeris->segments().size(), "body",
+               "relative to", "type", "begin TDB", "end TDB");
+  }
+  for (const Ephemeris::Segment& s : ephemeris->segments()) {
+    const std::string begin = Epoch::tdb_seconds(s.begin_tdb_s).iso(TimeScale::tdb, 3, false);
+    const std::string end = Epoch::tdb_seconds(s.end_tdb_s).iso(TimeScale::tdb, 3, false);
+    if (options.json) {
+      fmt::print("{}\n", Json{{"file", options.file},
+                              {"format", "spk"},
+                              {"body", title(s.target)},
+                              {"body_id", s.target.value},
+                              {"center", title(s.center)},
+                              {"center_id", s.center.value},
+                              {"spk_type", s.type},
+                              {"begin_tdb", begin},
+                              {"end_tdb", end}}
+                             .dump());
+    } else {
+      fmt::print("{:<28} {:<28} {:>4}  {:<23} {:<23}\n", title(s.target), title(s.center), s.type, begin, end);
+    }
+  }
+  return {};
+}
+
+Result<void> info_of_oem(const InfoOptions& options, const MappedFile& file) {
+  const auto oem = parse_oem(file.text(), options.file);
+  if (!oem) return forward(oem);
+  const std::string begin = oem->epochs.front().iso(TimeScale::tdb, 3, false);
+  const std::string end = oem->epochs.back().iso(TimeScale::tdb, 3, false);
+  const double days = (oem->epochs.back() - oem->epochs.front()).days();
+  if (options.json) {
+    fmt::print("{}\n", Json{{"file", options.file},
+                            {"format", "oem"},
+                            {"object", oem->object_name},
+                            {"object_id", oem->object_id},
+                            {"center", title(oem->center)},
+                            {"center_id", oem->center.value},
+                            {"time_system", name(oem->scale)},
+                            {"begin_tdb", begin},
+                            {"end_tdb", end},
+                            {"duration_days", days},
+                            {"states", oem->states.size()},
+                            {"covariances", oem->covariances.size()}}
+                           .dump());
+  } else {
+    fmt::print(
+        "Orbit Ephemeris Message of {} ({}), by {}\nrelative to {}, time system {}\n{} to {} TDB, {:.3f} days\n"
+        "{} states, {} covariances\n",
+        oem->object_name, oem->object_id, oem->originator, title(oem->center), name(oem->scale), begin, end, days,
+        oem->states.size(), oem->covariances.size());
+  }
+  return {};
+}
+
+Result<int> run_info(const InfoOptions& options) {
+  const auto file = MappedFile::open(options.file);
+  if (!file) return forward(file, options.file);
+  const auto kind = kind_of(*file);
+  if (!kind) return forward(kind, options.file);
+  const Result<void> done = *kind == Kind::spk ? info_of_spk(options, *file) : info_of_oem(options, *file);
+  if (!done) return forward(done, options.file);
+  return 0;
+}
+
+Result<void> write_oem(const std::string& path, Oem oem) {
+  if (std::filesystem::path(path).extension() == ".bsp") {
+    return fail(ErrorCode::unsupported, "SPK kernels are not written; give an .oem file to write", {}, path);
+  }
+  oem.creation_date = fmt::format("{:%Y-%m-%dT%H:%M:%S}", fmt::gmtime(std::chrono::system_clock::now()));
+  const auto written = write_file(path, to_text(oem));
+  if (!written) return forward(written, path);
+  return {};
+}
+
+// The one body a spacecraft's kernel is about, where it is about one.
+Result<BodyId> only_target(const Ephemeris& ephemeris, const std::string& path) {
+  std::optional<BodyId> target;
+  for (const Ephemeris::Segment& s : ephemeris.segments()) {
+    if (target && *target != s.target) {
+      return fail(ErrorCode::invalid_argument, "the kernel holds several bodies: choose one with --body", {}, path);
+    }
+    target = s.target;
+  }
+  if (!target) return fail(ErrorCode::corrupt_data, "the kernel holds no segment", {}, path);
+  return *target;
+}
+
+// Another centre for states about the barycentre.
+Result<void> refer(Oem& oem, BodyId center, const Ephemeris& ephemeris) {
+  for (std::size_t i = 0; i < oem.states.size(); ++i) {
+    const auto center_O = ephemeris.state(center, body::solar_system_barycenter, oem.epochs[i]);
+    if (!center_O) return forward(center_O);
+    oem.states[i].p_m -= center_O->p_m;
+    oem.states[i].v_m_s -= center_O->v_m_s;
+  }
+  oem.center = center;
+  return {};
+}
+
+Result<Oem> resample(const trajectory::Trajectory& trajectory, const ConvertOptions& options) {
+  const auto limit = [](const std::string& text, Epoch fallback) -> Result<Epoch> {
+    return text.empty() ? Result<Epoch>(fallback) : Epoch::parse(text);
+  };
+  const auto begin = limit(options.begin, trajectory.begin());
+  if (!begin) return forward(begin, "--begin");
+  const auto end = limit(options.end, trajectory.end());
+  if (!end) return forward(end, "--end");
+  const auto step = parse_duration(options.step.empty() ? "1h" : options.step);
+  if (!step) return forward(step, "--step");
+  return trajectory::to_oem(trajectory, *begin, *end, *step);
+}
+
+Result<int> run_convert(const ConvertOptions& options) {
+  if (std::filesystem::path(options.out).extension() == ".bsp") {
+    return fail(ErrorCode::unsupported, "SPK kernels are not written; give an .oem file to write", {}, options.out);
+  }
+  const auto file = MappedFile::open(options.in);
+  if (!file) return forward(file, options.in);
+  const auto kind = kind_of(*file);
+  if (!kind) return forward(kind, options.in);
+
+  std::vector<std::string> paths = options.kernels;
+  if (paths.empty()) paths.push_back((home_directory() / "data" / "de405_2000_2050.bsp").string());
+  if (*kind == Kind::spk) paths.push_back(options.in);
+  const auto kernels = open_kernels(paths);
+  if (!kernels) return forward(kernels);
+  const Ephemeris& ephemeris = (*kernels)->ephemeris;
+  std::optional<BodyId> center;
+  if (!options.center.empty()) {
+    const auto asked = parse_body(options.center);
+    if (!asked) return forward(asked, "--center");
+    center = *asked;
+  }
+
+  Oem oem;
+  const bool as_it_is = options.step.empty() && options.begin.empty() && options.end.empty() && !center;
+  if (*kind == Kind::spk) {
+    const auto alone = Ephemeris::open(file->bytes());
+    if (!alone) return forward(alone, options.in);
+    const auto target = options.body.empty() ? only_target(*alone, options.in) : parse_body(options.body);
+    if (!target) return forward(target, "--body");
+    const auto trajectory = trajectory::from_ephemeris(ephemeris, *target);
+    if (!trajectory) return forward(trajectory, options.in);
+    auto sampled = resample(**trajectory, options);
+    if (!sampled) return forward(sampled, options.in);
+    oem = std::move(*sampled);
+    oem.object_name = title(*target);
+    oem.object_id = fmt::format("{}", target->value);
+  } else {
+    auto read = parse_oem(file->text(), options.in);
+    if (!read) return forward(read);
+    if (as_it_is) {
+      oem = std::move(*read);
+    } else {
+      const auto trajectory = trajectory::from_oem(*read, &ephemeris);
+      if (!trajectory) return forward(trajectory, options.in);
+      auto sampled = resample(**trajectory, options);
+      if (!sampled) return forward(sampled, options.in);
+      oem = std::move(*sampled);
+      oem.object_name = read->object_name;
+      oem.object_id = read->object_id;
+      if (!center) center = read->center;
+    }
+  }
+  if (center && *center != body::solar_system_barycenter) {
+    const auto referred = refer(oem, *center, ephemeris);
+    if (!referred) return forward(referred, "--center");
+  }
+  const std::size_t states = oem.states.size();
+  const Epoch begin = oem.epochs.front(), end = oem.epochs.back();
+  const auto written = write_oem(options.out, std::move(oem));
+  if (!written) return forward(written);
+  if (options.json) {
+    fmt::print("{}\n", Json{{"out", options.out},
+                            {"states", states},
+                            {"begin_tdb", begin.iso(TimeScale::tdb, 3, false)},
+                            {"end_tdb", end.iso(TimeScale::tdb, 3, false)}}
+                           .dump());
+  } else {
+    fmt::print("{}: {} states from {} to {}\n", options.out, states, begin.iso(), end.iso());
+  }
+  return 0;
+}
+
+Result<int> run_design(const DesignOptions& options) {
+  const auto from = parse_body(options.from);
+  if (!from) return forward(from, "--from");
+  const auto to = parse_body(options.to);
+  if (!to) return forward(to, "--to");
+  const auto departure = Epoch::parse(options.departure);
+  if (!departure) return forward(departure, "--departure");
+  const auto step = parse_duration(options.step);
+  if (!step) return forward(step, "--step");
+  const auto kernels = open_kernels(options.kernels);
+  if (!kernels) return forward(kernels);
+
+  transfer::BallisticSettings settings;
+  settings.miss_distance_m = options.miss_km * 1e3;
+  settings.coast_in = Duration::days(options.coast_in_days);
+  settings.coast_out = Duration::days(options.coast_out_days);
+  auto design =
+      transfer::design_ballistic((*kernels)->ephemeris, *from, *to, *departure, Duration::days(options.days), settings);
+  if (!design) return forward(design);
+  if (!options.out.empty()) {
+    auto oem = trajectory::to_oem(*trajectory::from_arc(design->arc), design->begin, design->end, *step);
+    if (!oem) return forward(oem, "--step");
+    oem->object_name = fmt::format("{} to {}", title(*from), title(*to));
+    const auto written = write_oem(options.out, std::move(*oem));
+    if (!written) return forward(written);
+  }
+
+  const double v_departure = design->v_infinity_departure_m_s.norm() * 1e-3;
+  const double v_arrival = design->v_infinity_arrival_m_s.norm() * 1e-3;
+  const auto tdb = [](Epoch e) { return e.iso(TimeScale::tdb, 3, false); };
+  if (options.json) {
+    fmt::print("{}\n", Json{{"from", title(*from)},
+                            {"to", title(*to)},
+                            {"departure_tdb", tdb(design->departure)},
+                            {"arrival_tdb", tdb(design->arrival)},
+                            {"duration_days", options.days},
+                            {"c3_km2_s2", design->c3_m2_s2 * 1e-6},
+                            {"v_infinity_departure_km_s", v_departure},
+                            {"v_infinity_arrival_km_s", v_arrival},
+                            {"closest_approach_km", design->closest_approach_m * 1e-3},
+                            {"miss_distance_km", design->miss_distance_m * 1e-3},
+                            {"aim_error_km", design->aim_error_m * 1e-3},
+                            {"iterations", design->iterations},
+                            {"begin_tdb", tdb(design->begin)},
+                            {"end_tdb", tdb(design->end)},
+                            {"position_km", xyz_km(design->initial.p_m)},
+                            {"velocity_km_s", xyz_km(design->initial.v_m_s)},
+                            {"out", options.out.empty() ? Json(nullptr) : Json(options.out)}}
+                           .dump());
+    return 0;
+  }
+  const Vec3 p = design->initial.p_m * 1e-3, v = design->initial.v_m_s * 1e-3;
+  fmt::print("{} to {}, ballistic, {:.3f} days\n", title(*from), title(*to), options.days);
+  fmt::print("departure         {} TDB  v-infinity {:.4f} km/s, C3 {:.4f} km2/s2\n", tdb(design->departure),
+             v_departure, design->c3_m2_s2 * 1e-6);
+  fmt::print("arrival           {} TDB  v-infinity {:.4f} km/s, closest approach {:.0f} km\n", tdb(design->arrival),
+             v_arrival, design->closest_approach_m * 1e-3);
+  fmt::print("cruise            {} to {} TDB\n", tdb(design->begin), tdb(design->end));
+  fmt::print("at its beginning  {:.6f} {:.6f} {:.6f} km\n                  {:.9f} {:.9f} {:.9f} km/s\n", p.x(), p.y(),
+             p.z(), v.x(), v.y(), v.z());
+  fmt::print("(ICRF, barycentric; found in {} corrections, {:.3f} km from the aim point)\n", design->iterations,
+             design->aim_error_m * 1e-3);
+  if (!options.out.empty()) fmt::print("written to {}\n", options.out);
+  return 0;
+}
+
+}  // namespace
+
+void add_trajectory(CLI::App& app, Invocation& invocation) {
+  CLI::App* sub = app.add_subcommand("trajectory", "where a spacecraft is: inspect, convert and design trajectories");
+  sub->require_subcommand(1);
+  sub->footer("Example:\n  astronav trajectory design --departure 2026-11-09 --days 300 --out cruise.oem");
+
+  auto info = std::make_shared<InfoOptions>();
+  CLI::App* info_app = sub->add_subcommand("info", "what an SPK kernel or an OEM file holds");
+  info_app->footer("Example:\n  astronav trajectory info cruise.oem");
+  info_app->add_option("file", info->file, "SPK kernel or CCSDS OEM (KVN)")->required();
+  info_app->add_flag("--json", info->json, "one JSON object a segment or message");
+  info_app->callback([info, &invocation] { invocation.action = [info] { return run_info(*info); }; });
+
+  auto convert = std::make_shared<ConvertOptions>();
+  CLI::App* convert_app = sub->add_subcommand("convert", "SPK or OEM to OEM");
+  convert_app->footer("Example:\n  astronav trajectory convert spacecraft.bsp spacecraft.oem --step 1h");
+  convert_app->add_option("in", convert->in, "SPK kernel or CCSDS OEM (KVN)")->required();
+  convert_app->add_option("out", convert->out, "OEM to write")->required();
+  convert_app->add_option("--body", convert->body, "of the kernel, where it holds several");
+  convert_app->add_option("--center", convert->center, "default: that of the OEM; of a kernel, the barycentre");
+  convert_app->add_option("--begin", convert->begin, "epoch (default: all)");
+  convert_app->add_option("--end", convert->end, "epoch (default: all)");
+  convert_app->add_option("--step", convert->step, "10d, 1h, 60s (default: an OEM's own states; of a kernel, 1h)");
+  convert_app->add_option("--kernel", convert->kernels, "SPK files of the planets in place of DE405");
+  convert_app->add_flag("--json", convert->json, "one JSON object");
+  convert_app->callback([convert, &invocation] { invocation.action = [convert] { return run_convert(*convert); }; });
+
+  auto design = std::make_shared<DesignOptions>();
+  CLI::App* design_app = sub->add_subcommand("design", "a ballistic transfer between two planets under all forces");
+  design_app->footer(
+      "Example:\n  astronav trajectory design --from earth --to mars --departure 2026-11-09 --days 300 --out "
+      "cruise.oem");
+  design_app->add_option("--from", design->from, "planet of departure")->capture_default_str();
+  design_app->add_option("--to", design->to, "planet of arrival")->capture_default_str();
+  design_app->add_option("--departure", design->departure, "ISO 8601 with scale (UTC if none)")->required();
+  design_app->add_option("--days", design->days, "from departure to arrival")->required()->check(CLI::Range(1.0, 1e4));
+  design_app->add_option(
+      "--miss-km", design->miss_km,
+      "distance of the aim point from the planet of arrival (default: a fifth of its sphere of influence)");
+  design_app->add_option("--coast-in-days", design->coast_in_days, "from departure to where the cruise begins")
+      ->capture_default_str();
+  design_app->add_option("--coast-out-days", design->coast_out_days, "from where the cruise ends to arrival")
+      ->capture_default_str();
+  design_app->add_option("--out", design->out, "OEM of the cruise to write");
+  design_app->add_option("--step", design->step, "between its states")->capture_default_str();
+  design_app->add_option("--kernel", design->kernels, "SPK files in place of DE405; later ones take precedence");
+  design_app->add_flag("--json", design->json, "one JSON object");
+  design_app->callback([design, &invocation] { invocation.action = [design] { return run_design(*design); }; });
+}
+
+}  // namespace astronav::cli
