@@ -225,9 +225,12 @@ loop::Records synthetic_records(const SyntheticOptions& options) {
     draw_frame(frame, random, kBeaconNames[f % 4]);
     records.frames.push_back(std::move(frame));
   }
+  records.begin = start;
+  records.end = start + Duration::days(10.0 * options.cycles);
   for (std::size_t planet = 1; planet < kPlanets.size(); ++planet) {
-    const double period = 365.25 * kDay * std::pow(kPlanets[planet].a_au, 1.5);
-    for (int k = 0; k <= 180; ++k) records.planet_tracks_m[planet].push_back(on_orbit(kPlanets[planet], period * k / 180).p_m);
+    for (int k = 0; k <= 150; ++k) {
+      records.planet_tracks_m[planet].push_back(on_orbit(kPlanets[planet], 10.0 * options.cycles * kDay * k / 150.0).p_m);
+    }
   }
   records.cycles = options.cycles;
   records.duration_days = 10.0 * options.cycles;

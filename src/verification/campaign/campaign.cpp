@@ -129,7 +129,7 @@ Sample to_sample(std::uint64_t seed, const Result<loop::Records>& records) {
   for (const loop::Event& e : records->events) {
     if (e.kind != loop::EventKind::cycle_end) continue;
     WindowError w;
-    w.day = (e.epoch - records->events.front().epoch).days();
+    w.day = (e.epoch - loop::day_zero(*records)).days();
     w.nees = e.nees;
     for (int i = 0; i < 3; ++i) {
       const auto k = static_cast<std::size_t>(i);

@@ -50,7 +50,7 @@ struct Options {
 
 // The error when the second window of a cycle ends.
 struct WindowError {
-  double day = 0.0;  // from the first event of the run
+  double day = 0.0;  // of the mission
   std::array<double, 3> position_km{}, position_sigma_km{}, velocity_m_s{}, velocity_sigma_m_s{};
   double nees = 0.0;
 };

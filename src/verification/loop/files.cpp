@@ -43,7 +43,7 @@ std::string records_csv(const Records& records) {
   };
   for (const Event& e : records.events) {
     fmt::format_to(to, "{},{:.6f},{},{},{},{},{}", e.epoch.iso(TimeScale::tdb, 3, false),
-                   (e.epoch - records.events.front().epoch).days(), name(e.kind), e.cycle, e.window,
+                   (e.epoch - day_zero(records)).days(), name(e.kind), e.cycle, e.window,
                    e.image >= 0 ? fmt::format("{}", e.image) : "", e.body.value != 0 ? body_name(e.body) : "");
     for (const State* s : {&e.truth, &e.estimate}) {
       three(s->p_m, 1e-3, ",{:.6f}");

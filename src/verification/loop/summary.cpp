@@ -136,6 +136,10 @@ double effective_windows(const Records& records) {
   return std::clamp(6.0 * count * count / sum, 1.0, count);
 }
 
+Epoch day_zero(const Records& records) {
+  return records.end > records.begin || records.events.empty() ? records.begin : records.events.front().epoch;
+}
+
 Summary summarize(const Records& records) {
   Summary s;
   s.level = records.level;

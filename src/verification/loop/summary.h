@@ -83,6 +83,9 @@ struct Summary {
 
 Summary summarize(const Records& records);
 
+// From what days are counted: the mission's begin, or its first event where that was not said.
+Epoch day_zero(const Records& records);
+
 // Pools runs: mean squares weighted by their counts, medians of times. Needs one run at least.
 Summary pool(std::span<const Summary> runs);
 

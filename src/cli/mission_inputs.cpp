@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/mission_inputs.h"
+
+namespace astronav::cli {
+
+Result<loop::Level> parse_level(std::string_view text) {
+  if (text == "mil") return loop::Level::mil;
+  if (text == "sil") return loop::Level::sil;
+  if (text == "pil" || text == "hil") {
+    return fail(ErrorCode::unsupported, "level {s} is not there yet: mil and sil are", {}, "--level", text);
+  }
+  return fail(ErrorCode::invalid_argument, "\"{s}\" is not a level: mil or sil", {}, "--level", text);
+}
+
+std::string folder_name(std::string_view mission) {
+  std::string out;
+  for (const char c : mission) {
+    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
+    out += plain ? c : '-';
+  }
+  return out.empty() || out.front() == '.' ? "mission" : out;
+}
+
+}  // namespace astronav::cli

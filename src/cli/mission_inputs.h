@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `run` and `campaign` read from the command line alike.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "foundation/base/error.h"
+#include "verification/loop/mission.h"
+
+namespace astronav::cli {
+
+Result<loop::Level> parse_level(std::string_view text);
+// A mission's name as the name of a folder.
+std::string folder_name(std::string_view mission);
+
+}  // namespace astronav::cli
