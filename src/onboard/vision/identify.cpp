@@ -16,7 +16,6 @@ constexpr std::size_t kMaxStarsJudged = 1024;
 constexpr std::size_t kMaxLinks = 16384;
 constexpr std::size_t kMaxCandidates = 256;   // of one triple of spots
 constexpr int kConfirmSpots = 24;
-constexpr std::size_t kStarsInRoughFit = 40;
 constexpr double kLeastSine = 0.3;            // of a triangle's widest corner
 
 // Sine of the largest angle's corner, or 0 where all three lie in a line: how well two sides fix the third star.
@@ -294,7 +293,7 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   double radius = radius_px;
   for (int pass = 0;; ++pass) {
     const bool final_pass = radius <= settings_.match_px;
-    if (match(spots, fit.R_CN, fit.camera, radius, final_pass ? kMaxStarsJudged : kStarsInRoughFit) <
+    if (match(spots, fit.R_CN, fit.camera, radius, final_pass ? kMaxStarsJudged : settings_.rough_stars) <
         std::max(3, settings_.min_matched - 1))
       return false;
     AttitudeOptions options = settings_.attitude;
@@ -307,8 +306,10 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
       drop_mixed(spots);
       drop_wrong_brightness(spots);
     }
-    if (sights_.size() < 8) options.freedom = {};
-    const Result<AttitudeFit> next = fit_attitude(sights_, fit.R_CN, final_pass ? fit.camera : camera_, options);
+    options.freedom.focal_length &= sights_.size() >= 4;
+    options.freedom.k1 &= sights_.size() >= 8;
+    options.freedom.tangential &= sights_.size() >= 20;
+    const Result<AttitudeFit> next = fit_attitude(sights_, fit.R_CN, fit.camera, options);
     if (!next) return false;
     fit = *next;
     if (final_pass && pass > 0) break;
@@ -319,8 +320,15 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   for (const Star& star : stars_) visible += star.visible;
   const double area = static_cast<double>(camera_.width_px) * camera_.height_px;
   const double p = visible * kPi * settings_.match_px * settings_.match_px / area;
-  const double chance =
-      tried * chance_of_matches(static_cast<int>(spots.size()) - given, fit.used - given, std::min(p, 0.9));
+  // The first spots are the surest: four lengths of the list are tried, and paid for.
+  double chance = 1.0;
+  for (const int first : {15, 30, 60, static_cast<int>(spots.size())}) {
+    int hits = 0;
+    for (std::size_t i = 0; i < sights_.size(); ++i)
+      hits += sights_[i].used && stars_[sight_star_[i]].spot < first;
+    const int looked_at = std::min(first, static_cast<int>(spots.size()));
+    chance = std::min(chance, 4.0 * tried * chance_of_matches(looked_at - given, hits - given, std::min(p, 0.9)));
+  }
   if (!(chance < settings_.max_chance)) return false;
 
   AttitudeSolution& attitude = out.attitude;

@@ -25,6 +25,7 @@ struct IdentifySettings {
   double scale_tolerance = 1.5e-3; // how wrong the believed focal length may be
   double first_match_px = 4.0;     // star to spot, for a fresh hypothesis
   double match_px = 1.0;           // star to spot, at the end
+  std::size_t rough_stars = 40;    // brightest, while the net is wide
   int max_hypotheses = 400;        // triangles judged
   int min_matched = 5;
   double max_chance = 1e-9;

@@ -37,14 +37,13 @@ AsterismSettings AsterismSettings::for_field(double fov_h_rad, double fov_v_rad)
   return settings;
 }
 
-std::vector<std::byte> build_pair_index(const StarField& field, const AsterismSettings& settings) {
+std::vector<std::uint32_t> choose_asterism_stars(const StarField& field, const AsterismSettings& settings) {
   const std::span<const FieldStar> all = field.stars();
   std::vector<std::uint32_t> by_brightness(all.size());
   std::iota(by_brightness.begin(), by_brightness.end(), 0u);
   std::stable_sort(by_brightness.begin(), by_brightness.end(),
                    [&](std::uint32_t a, std::uint32_t b) { return all[a].v_mag < all[b].v_mag; });
 
-  // Neighbours of a star: by the field's own cells.
   std::vector<char> taken(all.size(), 0);
   std::vector<std::uint32_t> chosen, nearby(all.size());
   for (const std::uint32_t i : by_brightness) {
@@ -56,9 +55,19 @@ std::vector<std::byte> build_pair_index(const StarField& field, const AsterismSe
     taken[i] = 1;
     chosen.push_back(i);
   }
+  return chosen;
+}
 
+std::vector<std::byte> build_pair_index(const StarField& field, const AsterismSettings& settings) {
+  const std::span<const FieldStar> all = field.stars();
+  const std::vector<std::uint32_t> chosen = choose_asterism_stars(field, settings);
+  std::vector<std::uint32_t> nearby(all.size());
+  std::vector<char> taken(all.size(), 0);
   std::vector<std::uint32_t> place(all.size(), 0);
-  for (std::size_t k = 0; k < chosen.size(); ++k) place[chosen[k]] = static_cast<std::uint32_t>(k);
+  for (std::size_t k = 0; k < chosen.size(); ++k) {
+    place[chosen[k]] = static_cast<std::uint32_t>(k);
+    taken[chosen[k]] = 1;
+  }
   struct Entry {
     double cosine;
     PairIndex::Pair pair;

@@ -25,7 +25,8 @@ struct AsterismSettings {
   static AsterismSettings for_field(double fov_h_rad, double fov_v_rad);
 };
 
-// On the ground: allocates.
+// On the ground: these allocate.
+std::vector<std::uint32_t> choose_asterism_stars(const StarField& field, const AsterismSettings& settings);
 std::vector<std::byte> build_pair_index(const StarField& field, const AsterismSettings& settings);
 
 class PairIndex {

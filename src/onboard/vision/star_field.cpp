@@ -32,17 +32,29 @@ StarField StarField::build(const StarCatalogue& catalogue, double max_v_mag, Epo
     entry.id = star.id;
     field.stars_.push_back(entry);
   }
-  field.cells_ = std::clamp(static_cast<int>(std::sqrt(static_cast<double>(field.stars_.size())) / 4.0), 8, 80);
-  const int n = field.cells_;
+  field.arrange();
+  return field;
+}
+
+StarField StarField::subset(std::span<const std::uint32_t> stars) const {
+  StarField field;
+  field.epoch_ = epoch_;
+  for (const std::uint32_t i : stars) field.stars_.push_back(stars_[i]);
+  field.arrange();
+  return field;
+}
+
+void StarField::arrange() {
+  cells_ = std::clamp(static_cast<int>(std::sqrt(static_cast<double>(stars_.size())) / 4.0), 8, 80);
+  const int n = cells_;
   const auto cell = [n](const FieldStar& s) {
     return (cell_of(s.direction_N.x(), n) * n + cell_of(s.direction_N.y(), n)) * n + cell_of(s.direction_N.z(), n);
   };
-  std::stable_sort(field.stars_.begin(), field.stars_.end(),
+  std::stable_sort(stars_.begin(), stars_.end(),
                    [&](const FieldStar& a, const FieldStar& b) { return cell(a) < cell(b); });
-  field.first_.assign(static_cast<std::size_t>(n) * n * n + 1, 0);
-  for (const FieldStar& s : field.stars_) ++field.first_[cell(s) + 1];
-  for (std::size_t i = 1; i < field.first_.size(); ++i) field.first_[i] += field.first_[i - 1];
-  return field;
+  first_.assign(static_cast<std::size_t>(n) * n * n + 1, 0);
+  for (const FieldStar& s : stars_) ++first_[cell(s) + 1];
+  for (std::size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
 }
 
 template <typename Use>

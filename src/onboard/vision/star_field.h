@@ -35,6 +35,8 @@ struct FieldStar {
 class StarField {
  public:
   static StarField build(const StarCatalogue& catalogue, double max_v_mag, Epoch epoch);
+  // Some of these stars alone.
+  StarField subset(std::span<const std::uint32_t> stars) const;
 
   std::span<const FieldStar> stars() const { return stars_; }
   Epoch epoch() const { return epoch_; }
@@ -46,6 +48,7 @@ class StarField {
   Vec3 apparent(const FieldStar& star, const Observer& observer) const;
 
  private:
+  void arrange();
   template <typename Use>
   void visit(const Vec3& center, double radius, Use&& use) const;
 

@@ -15,10 +15,29 @@ namespace {
 // Fields are served in steps of 1.25: a list of stars that suits one suits its neighbours.
 constexpr double kStep = 1.25;
 
+constexpr int kNodes = 160;  // of the focal length: 0.3 % apart over a range of +-20 %
+constexpr std::size_t kMaxConfirm = 12;
+
 struct PairOfSpots {
   int i, j;
   double rank;
 };
+
+// What a pair of spots sees under one focal length.
+struct Node {
+  double focal_px = 0.0;
+  Mat3 axes_C;                            // of the pair
+  std::array<Vec3, kMaxConfirm> other;    // other spots, in those axes
+};
+
+// Axes that two directions define: columns middle, normal, from the second to the first.
+Mat3 pair_axes(const Vec3& p, const Vec3& q) {
+  Mat3 axes;
+  axes.col(0) = (p + q).normalized();
+  axes.col(2) = (p - q).normalized();
+  axes.col(1) = axes.col(0).cross(axes.col(2));
+  return axes;
+}
 
 }  // namespace
 
@@ -116,7 +135,7 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
     for (std::size_t b = a + 1; b < chosen.size(); ++b) {
       const double d = (spots[chosen[a]].pixel.vec() - spots[chosen[b]].pixel.vec()).norm();
       if (d < 0.15 * shorter_px || d > 0.75 * shorter_px) continue;
-      pairs.push_back({static_cast<int>(a), static_cast<int>(b), static_cast<double>(a + b)});
+      pairs.push_back({chosen[a], chosen[b], static_cast<double>(a + b)});
     }
   }
   std::stable_sort(pairs.begin(), pairs.end(),
@@ -127,88 +146,96 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
   vision::IdentifySettings identify;
   identify.first_match_px = settings.tolerance * width * 1.2;
   identify.match_px = settings.match_px;
+  identify.rough_stars = 25;
   identify.brightness_gate_mag = 3.0;  // film curves, compression, colour
   identify.max_chance = settings.max_chance;
   identify.psf_sigma_px = 1.0;
   identify.attitude.freedom = {.focal_length = true, .k1 = true, .tangential = false};
   identify.attitude.extra_sigma_px = 0.25;
   identify.attitude.gate_sigma = 6.0;
+  Intrinsics camera;
+  camera.width_px = width;
+  camera.height_px = height;
+  camera.cx_px = cu;
+  camera.cy_px = cv;
+  const double near_cos =
+      settings.near ? std::cos(std::min(kPi, settings.near->radius_rad + fov_max_rad)) : -2.0;
 
-  const auto direction = [&](int spot, double f) {
-    return Vec3((spots[spot].pixel.u - cu) / f, (spots[spot].pixel.v - cv) / f, 1.0).normalized();
-  };
   BlindSolution out;
-  out.stars.resize(spots.size());
+  std::vector<Node> nodes(kNodes + 1);
   double tried = 0.0;
   for (const PairOfSpots& pair : pairs) {
-    const int i = chosen[pair.i], j = chosen[pair.j];
-    // Spots that must confirm: the brightest others.
-    std::vector<int> others;
+    std::vector<int> others;  // the best others must confirm
     for (const int k : chosen)
-      if (k != i && k != j && others.size() < static_cast<std::size_t>(settings.confirm_spots)) others.push_back(k);
-    if (others.size() < 3) break;
-    std::vector<Vec2> offset;
-    for (const int k : others) offset.push_back(spots[k].pixel.vec() - Vec2(cu, cv));
-    const int needed = std::min<int>(settings.confirm_hits, static_cast<int>(others.size()));
+      if (k != pair.i && k != pair.j && others.size() < kMaxConfirm) others.push_back(k);
+    const int count = static_cast<int>(others.size());
+    if (count < 3) break;
+    const int needed = std::min(settings.confirm_hits, count);
+
+    // Nodes of the focal length, evenly in the cosine of the angle between the two spots.
+    const auto direction = [&](int spot, double f) {
+      return Vec3((spots[spot].pixel.u - cu) / f, (spots[spot].pixel.v - cv) / f, 1.0).normalized();
+    };
     const auto angle_at = [&](double f) {
-      const Vec3 a = direction(i, f), b = direction(j, f);
+      const Vec3 a = direction(pair.i, f), b = direction(pair.j, f);
       return std::atan2(a.cross(b).norm(), a.dot(b));
     };
-    // The focal length under which the two spots are as far apart as two stars: a table over the cosine.
-    constexpr int kNodes = 64;
     const double cos_min = std::cos(angle_at(f_min)), cos_max = std::cos(angle_at(f_max));
-    const double nodes_per_cos = kNodes / std::max(cos_max - cos_min, 1e-15);
-    std::array<double, kNodes + 2> focal{};
-    double f_node = f_min;
-    for (int k = 0; k <= kNodes + 1; ++k) {
+    const double nodes_per_cos = kNodes / std::max(cos_max - cos_min, 1e-12);
+    double f = f_min;
+    for (int k = 0; k <= kNodes; ++k) {
       const double angle = std::acos(std::min(1.0, cos_min + k / nodes_per_cos));
-      for (int step = 0; step < 5 && angle > 0.0; ++step) f_node *= angle_at(f_node) / angle;
-      focal[k] = f_node;
+      for (int step = 0; step < 5 && angle > 0.0; ++step) f *= angle_at(f) / angle;
+      Node& node = nodes[k];
+      node.focal_px = f;
+      const Mat3 axes = pair_axes(direction(pair.i, f), direction(pair.j, f));
+      node.axes_C = axes;
+      for (int m = 0; m < count; ++m) node.other[m] = axes.transpose() * direction(others[m], f);
     }
+
     for (const vision::PairIndex::Pair& stars : sky.index.pairs(cos_min, cos_max)) {
       const Vec3 s = sky.index.direction(stars.a), t = sky.index.direction(stars.b);
-      if (settings.near && s.dot(settings.near->direction_N) <
-                               std::cos(std::min(kPi, settings.near->radius_rad + fov_max_rad)))
-        continue;
-      const double at_node = (s.dot(t) - cos_min) * nodes_per_cos;
-      if (!(at_node >= 0.0 && at_node <= kNodes)) continue;
-      const int node = static_cast<int>(at_node);
-      const double f = focal[node] + (at_node - node) * (focal[node + 1] - focal[node]);
-      const Vec3 a = direction(i, f), b = direction(j, f);
-      const Vec3 a3 = (a - b).normalized(), a1 = (a + b).normalized(), a2 = a1.cross(a3);
+      if (s.dot(settings.near ? settings.near->direction_N : s) < near_cos) continue;
+      const double at_node = (s.dot(t) - cos_min) * nodes_per_cos + 0.5;
+      if (!(at_node >= 0.0 && at_node < kNodes + 1)) continue;
+      const Node& node = nodes[static_cast<std::size_t>(at_node)];
+      Mat3 axes_N = pair_axes(s, t);
       for (int order = 0; order < 2; ++order) {
+        if (order == 1) axes_N.rightCols<2>() *= -1.0;  // the same two stars the other way round
         ++tried;
-        const Vec3 p = order == 0 ? s : t, q = order == 0 ? t : s;
-        const Vec3 b3 = (p - q).normalized(), b1 = (p + q).normalized(), b2 = b1.cross(b3);
-        Mat3 R_NC = b1 * a1.transpose();
-        R_NC += b2 * a2.transpose();
-        R_NC += b3 * a3.transpose();
-        const double radius = settings.tolerance * width / f;
         int hits = 0;
-        for (int k = 0; k < static_cast<int>(others.size()); ++k) {
-          const Vec2& p_px = offset[k];
-          const Vec3 looked = R_NC * Vec3(p_px.x(), p_px.y(), f);
-          hits += sky.mask->near_star(looked) && sky.bright.nearest(looked.normalized(), radius) >= 0;
-          if (hits >= needed) break;
-          // Hopeless: the rest could not make it, or the first few all miss.
-          if (hits + static_cast<int>(others.size()) - k - 1 < needed) break;
-          if (k == 3 && hits == 0) break;
-          if (k == 6 && hits < 2) break;
+        for (int k = 0; k < count; ++k) {
+          hits += sky.mask->near_star(axes_N * node.other[k]);
+          if (hits + count - k - 1 < needed || (k == 3 && hits == 0) || (k == 6 && hits < 2)) break;
         }
         if (hits < needed) continue;
-        vision::Observer at = observer;
-        Intrinsics camera;
-        camera.width_px = width;
-        camera.height_px = height;
-        camera.fx_px = camera.fy_px = f;
-        camera.cx_px = cu;
-        camera.cy_px = cv;
+        const double radius = settings.tolerance * width / node.focal_px;
+        hits = 0;
+        for (int k = 0; k < count; ++k) hits += sky.bright.nearest(axes_N * node.other[k], radius) >= 0;
+        if (hits < needed) continue;
+
+        camera.fx_px = camera.fy_px = node.focal_px;
+        const Mat3 R_CN = node.axes_C * axes_N.transpose();
+        identify.max_chance = settings.max_chance / tried;
+        const auto judged = spots.first(std::min(spots.size(), settings.judged_spots));
+        out.stars.resize(spots.size());
         vision::Identifier identifier(field_, sky.index, camera, identify, spots.size());
-        auto known = identifier.track(spots, at, R_NC.transpose(), identify.first_match_px, out.stars);
+        auto known = identifier.track(judged, observer, R_CN, identify.first_match_px, out.stars);
         if (!known) continue;
-        if (known->attitude.chance_probability * tried > settings.max_chance) continue;
+        const double fov = known->attitude.intrinsics.field_of_view_horizontal_rad();
+        if (fov < 0.97 * fov_min_rad || fov > 1.03 * fov_max_rad) continue;
         const Vec3 boresight = known->attitude.R_CN.row(2).transpose();
         if (settings.near && boresight.dot(settings.near->direction_N) < std::cos(settings.near->radius_rad)) continue;
+        if (judged.size() < spots.size()) {
+          // All spots, from the camera that the best of them have shown.
+          vision::Identifier again(field_, sky.index, known->attitude.intrinsics, identify, spots.size());
+          std::vector<vision::MatchedStar> more(spots.size());
+          const auto better = again.track(spots, observer, known->attitude.R_CN, 1.5 * settings.match_px, more);
+          if (better && better->matched > known->matched) {
+            known = better;
+            out.stars = std::move(more);
+          }
+        }
         known->attitude.chance_probability *= tried;
         out.identification = *known;
         out.stars.resize(known->matched);

@@ -23,12 +23,12 @@ struct Near {
 };
 
 struct BlindSettings {
-  int spots = 14;             // brightest, evenly spread, that make hypotheses
-  int confirm_spots = 10;
+  int spots = 14;             // the most certain, evenly spread, that make hypotheses
   int confirm_hits = 3;
   double tolerance = 0.005;   // of the picture's width: how far spots may be off under a first guess
   double match_px = 2.0;
-  double max_chance = 1e-7;
+  double max_chance = 1e-8;         // that a solution is none, all hypotheses counted
+  std::size_t judged_spots = 120;   // the most certain
   std::optional<Near> near;
 };
 

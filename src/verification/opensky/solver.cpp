@@ -14,7 +14,8 @@
 namespace astronav::opensky {
 namespace {
 
-constexpr std::size_t kJudgedSpots = 120;  // brightest
+constexpr std::size_t kJudgedSpots = 120;  // the most certain
+constexpr double kWideField = 18.0 * kDegree;
 
 double now_ms() {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -46,16 +47,25 @@ Result<BlindSolution> Solver::identify(std::span<const vision::Centroid> spots, 
   settings.near = request.near;
   settings.match_px = std::max(1.5, 0.002 * width);
   const std::span<const vision::Centroid> judged = spots.first(std::min(spots.size(), kJudgedSpots));
+  // First as if the lens drew straight lines; then, for wide fields, as if it did not.
+  const auto search = [&](double min_rad, double max_rad) {
+    auto found = blind_->search(judged, width, height, min_rad, max_rad, observer, settings);
+    if (found || max_rad < kWideField) return found;
+    BlindSettings bent = settings;
+    bent.tolerance = 0.015;
+    bent.confirm_hits = 6;
+    bent.judged_spots = 40;
+    return blind_->search(judged, width, height, min_rad, max_rad, observer, bent);
+  };
   if (request.camera) {
     const double fov = request.camera->field_of_view_horizontal_rad();
-    return blind_->search(judged, width, height, 0.97 * fov, 1.03 * fov, observer, settings);
+    return search(0.97 * fov, 1.03 * fov);
   }
-  if (request.field)
-    return blind_->search(judged, width, height, request.field->min_rad, request.field->max_rad, observer, settings);
+  if (request.field) return search(request.field->min_rad, request.field->max_rad);
   Result<BlindSolution> found = fail(ErrorCode::no_match, "no field of view tried");
   for (const auto& rung : kLadder) {
-    settings.max_chance = 1e-7 / static_cast<double>(kLadder.size());
-    found = blind_->search(judged, width, height, rung[0] * kDegree, rung[1] * kDegree, observer, settings);
+    settings.max_chance = 1e-8 / static_cast<double>(kLadder.size());
+    found = search(rung[0] * kDegree, rung[1] * kDegree);
     if (found) break;
   }
   return found;

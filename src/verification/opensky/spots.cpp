@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 #include "onboard/vision/centroids.h"
 
@@ -12,7 +13,7 @@ namespace {
 
 struct Tiles {
   int width = 0, height = 0, size = 32;
-  std::vector<float> median, spread;
+  std::vector<float> level, spread;  // clipped mean and standard deviation
   float at(const std::vector<float>& values, int x, int y) const {
     return values[static_cast<std::size_t>(std::clamp(y, 0, height - 1)) * width + std::clamp(x, 0, width - 1)];
   }
@@ -49,7 +50,8 @@ std::vector<float> median3(const Tiles& tiles, const std::vector<float>& values)
   return out;
 }
 
-Tiles measure(const ImageF& image, int size) {
+// `step`: between grey levels.
+Tiles measure(const ImageF& image, int size, float step) {
   Tiles tiles;
   tiles.size = size;
   tiles.width = (image.width() + size - 1) / size;
@@ -64,11 +66,21 @@ Tiles measure(const ImageF& image, int size) {
       const float median = middle_of(values);
       deviations.clear();
       for (const float value : values) deviations.push_back(std::abs(value - median));
-      tiles.median.push_back(median);
-      tiles.spread.push_back(1.4826f * middle_of(deviations));
+      const float limit = std::max(4.0f * 1.4826f * middle_of(deviations), 2.0f * step);
+      // In a picture of few grey levels the median jumps from level to level: the clipped mean does not.
+      double n = 0.0, sum = 0.0, sum2 = 0.0;
+      for (const float value : values) {
+        const double d = value - median;
+        if (std::abs(d) > limit) continue;
+        n += 1.0;
+        sum += d;
+        sum2 += d * d;
+      }
+      tiles.level.push_back(n > 0.0 ? median + static_cast<float>(sum / n) : median);
+      tiles.spread.push_back(n > 0.0 ? static_cast<float>(std::sqrt(std::max(sum2 / n - sum * sum / (n * n), 0.0))) : 0.0f);
     }
   }
-  tiles.median = median3(tiles, tiles.median);
+  tiles.level = median3(tiles, tiles.level);
   tiles.spread = median3(tiles, tiles.spread);
   return tiles;
 }
@@ -121,6 +133,31 @@ bool lone_pixel(const ImageF& residual, const vision::Centroid& spot) {
   return peak > 6.0f * std::max(second, 0.0f) && peak > 0.75f * sum;
 }
 
+// Light, peak and contrast each put the stars first in some pictures and something else in others: leaves against a bright
+// sky have light but little contrast, clusters of hot pixels contrast but no peak. The best of the three places counts.
+void order_by_certainty(std::vector<vision::Centroid>& spots, const std::vector<double>& contrasts) {
+  const std::size_t n = spots.size();
+  std::vector<std::size_t> best(n, n), sum(n, 0), order(n);
+  const auto rank = [&](auto&& value) {
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return value(a) > value(b); });
+    for (std::size_t place = 0; place < n; ++place) {
+      best[order[place]] = std::min(best[order[place]], place);
+      sum[order[place]] += place;
+    }
+  };
+  rank([&](std::size_t i) { return spots[i].flux_dn; });
+  rank([&](std::size_t i) { return spots[i].peak_dn; });
+  rank([&](std::size_t i) { return contrasts[i]; });
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return best[a] != best[b] ? best[a] < best[b] : sum[a] < sum[b];
+  });
+  std::vector<vision::Centroid> sorted;
+  for (const std::size_t i : order) sorted.push_back(spots[i]);
+  spots = std::move(sorted);
+}
+
 }  // namespace
 
 Spots find_spots(const Picture& picture, const SpotSettings& settings) {
@@ -128,9 +165,9 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   const ImageF& image = picture.pixels;
   const int w = image.width(), h = image.height();
   if (w < 16 || h < 16) return out;
-  const Tiles tiles = measure(image, settings.tile_px);
-  std::vector<float> medians = tiles.median, spreads = tiles.spread;
-  out.background_dn = middle_of(medians);
+  const Tiles tiles = measure(image, settings.tile_px, picture.bits <= 8 ? 1.0f : 0.0f);
+  std::vector<float> levels = tiles.level, spreads = tiles.spread;
+  out.background_dn = middle_of(levels);
   out.noise_dn = std::max(middle_of(spreads), 1e-6f);
   // Pictures of 8 bits, and all after JPEG, have flat parts whose noise is no measure of anything.
   const float least = static_cast<float>(std::max(0.5 * out.noise_dn, picture.bits <= 8 ? 0.4 : 1e-6));
@@ -139,7 +176,7 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   for (int v = 0; v < h; ++v) {
     for (int u = 0; u < w; ++u) {
       const float x = image(u, v);
-      const float r = std::isfinite(x) ? x - tiles.between(tiles.median, u, v) : 0.0f;
+      const float r = std::isfinite(x) ? x - tiles.between(tiles.level, u, v) : 0.0f;
       residual(u, v) = r;
       contrast(u, v) = r / std::max(tiles.between(tiles.spread, u, v), least);
     }
@@ -166,9 +203,7 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   out.threshold_dn = (level.threshold_dn - level.background_dn) * out.noise_dn;
 
   const double full = 0.98 * picture.white_level;
-  // By contrast, not by light: leaves against a bright sky are bright, and so is their noise.
-  std::sort(found.begin(), found.end(),
-            [](const vision::Centroid& a, const vision::Centroid& b) { return a.peak_dn > b.peak_dn; });
+  std::vector<double> contrasts;
   for (vision::Centroid& spot : found) {
     if (lone_pixel(residual, spot)) continue;
     // Light within 4 px, in the picture's own units.
@@ -183,11 +218,13 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
         saturated |= image(u, v) >= full;
       }
     }
+    contrasts.push_back(spot.peak_dn);
     spot.flux_dn = std::max(flux, 1e-3);
     spot.peak_dn = peak;
     spot.saturated = saturated;
     out.spots.push_back(spot);
   }
+  order_by_certainty(out.spots, contrasts);
   return out;
 }
 
