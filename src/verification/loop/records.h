@@ -96,7 +96,10 @@ struct Records {
   std::vector<BeaconChoice> beacons;
   std::vector<double> image_ms;  // onboard time of each image
   StageTimes stage_ms_sum;
-  std::vector<Vec3> planet_tracks_m[9];  // heliocentric places of the planets 1..8 for the picture, index = NAIF barycentre
+  // Heliocentric places of the planets 1..8 for the picture, evenly spaced from begin to end; index = NAIF barycentre.
+  std::vector<Vec3> planet_tracks_m[9];
+  Epoch begin;  // of the mission
+  Epoch end;
   int cycles = 0;
   int images = 0;
   double duration_days = 0.0;
