@@ -374,7 +374,7 @@
       c.beginPath();
       c.arc(...project(here), 8, 0, 2 * Math.PI);
       c.stroke();
-      dayText.textContent = `day ${view.day.toFixed(0)}` + (choice ? `, looking at ${choice.first} and ${choice.second}` : '');
+      dayText.textContent = `day ${view.day.toFixed(0)}` + (choice ? `, looking at ${[...new Set([choice.first, choice.second])].join(' and ')}` : '');
     }
     let last = null;
     canvas.addEventListener('pointerdown', (e) => { last = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
