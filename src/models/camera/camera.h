@@ -72,7 +72,8 @@ struct Optics {
 };
 
 // The truth's point-spread function: a Gaussian core whose width grows with the square of the distance from the boresight's
-// pixel, and a wider Gaussian halo that may be displaced. Fractions of the energy. With halo_fraction = 0 it is a plain
+// pixel, and a halo that may be displaced: three fifths of it a Gaussian of halo_sigma_px, two fifths one of twice that
+// (real wings fall more slowly than one Gaussian). Fractions of the energy. With halo_fraction = 0 it is a plain
 // Gaussian.
 struct PointSpread {
   double sigma_px = 0.8;

@@ -183,10 +183,17 @@ void CentroidFinder::add_run(ImageView<const T> image, const FrameLevel& level, 
     sum += static_cast<double>(row[u]);
     peak = std::max(peak, row[u]);
   }
+  // The saturated part of the run: its wings may reach far beyond.
+  int s0 = u0, s1 = u0 - 1;
+  if (static_cast<double>(peak) >= sensor_.saturation_dn) {
+    s1 = u1;
+    while (static_cast<double>(row[s0]) < sensor_.saturation_dn) ++s0;
+    while (static_cast<double>(row[s1]) < sensor_.saturation_dn) --s1;
+  }
   const double background = level.background_dn;
   runs_.push_back({static_cast<std::int32_t>(runs_.size()), static_cast<std::int16_t>(v),
-                   static_cast<std::int16_t>(u0), static_cast<std::int16_t>(u1),
-                   static_cast<double>(peak) >= sensor_.saturation_dn,
+                   static_cast<std::int16_t>(u0), static_cast<std::int16_t>(u1), static_cast<std::int16_t>(s0),
+                   static_cast<std::int16_t>(s1),
                    static_cast<float>(sum - background * (u1 - u0 + 1)),
                    static_cast<float>(static_cast<double>(peak) - background)});
 }
@@ -269,9 +276,9 @@ void CentroidFinder::collect_regions() {
     region.pixels += run.u1 - run.u0 + 1;
     region.sum += run.sum;
     region.peak = std::max(region.peak, static_cast<double>(run.peak));
-    if (run.saturated) {
+    if (run.s0 <= run.s1) {
       region.saturated = true;
-      widen(region.saturated_box, run.u0, run.v, run.u1);
+      widen(region.saturated_box, run.s0, run.v, run.s1);
     }
   }
 }

@@ -62,7 +62,7 @@ class CentroidFinder {
   struct Run {
     std::int32_t parent;
     std::int16_t v, u0, u1;  // inclusive
-    bool saturated;
+    std::int16_t s0, s1;     // of the saturated pixels; s0 > s1 where there are none
     float sum, peak;         // above the background
   };
   struct Region {

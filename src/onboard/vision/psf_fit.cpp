@@ -11,7 +11,7 @@
 namespace astronav::vision {
 namespace {
 
-constexpr int kMaxIterations = 25;
+constexpr int kMaxIterations = 40;
 constexpr double kConverged = 1e-4;  // px
 constexpr double kBlendChi2 = 2.5;   // per degree of freedom: beyond it something else is in the window
 
@@ -208,8 +208,8 @@ class SaturatedFit {
     halo_y_.compute(window_.v0, window_.height(), p(1) + p(6), p(7));
   }
 
-  // The brightest pixels that are not saturated lie where the core, not the halo, rules: the median of the fluxes that
-  // each of them asks for is the start.
+  // The median of the fluxes that the brightest unsaturated pixels ask for is the start. Around a very bright core they
+  // lie where the halo rules, so both take part.
   bool start_flux(Vec& p) {
     constexpr int kBrightest = 7;
     profiles(p);
@@ -220,7 +220,7 @@ class SaturatedFit {
         const double dn = static_cast<double>(image_(window_.u0 + i, window_.v0 + j));
         if (dn >= sensor_.saturation_dn) continue;
         const double signal = dn - background_;
-        const double g = x_.share[i] * y_.share[j];
+        const double g = x_.share[i] * y_.share[j] + p(4) * halo_x_.share[i] * halo_y_.share[j];
         if (g < 1e-12) continue;
         if (count == kBrightest && signal <= value[kBrightest - 1]) continue;
         int k = count < kBrightest ? count++ : kBrightest - 1;
@@ -252,7 +252,7 @@ class SaturatedFit {
         const double core = x_.share[i] * y_.share[j];
         const double signal = flux * (core + p(4) * halo);
         const double shape = sensor_.psf_shape_relative * signal;
-        const double wing = 0.2 * p(4) * flux * halo;  // a halo is no Gaussian
+        const double wing = sensor_.halo_shape_relative * p(4) * flux * halo;
         weight_[j * kMaxFitWindow + i] =
             1.0 / (sensor_.pixel_variance_dn2(signal, background_sigma_) + shape * shape + wing * wing);
       }

@@ -26,7 +26,8 @@ struct SensorModel {
   double halo_fraction = 0.01;        // energy in a wide halo that nobody measured
   double halo_sigma_px = 3.0;
   double psf_sigma_relative = 0.08;   // of the width
-  double psf_shape_relative = 0.01;   // of the light in a pixel, for saturated spots
+  double psf_shape_relative = 0.003;  // of the light in a pixel, for saturated spots
+  double halo_shape_relative = 0.12;  // of the halo's light in a pixel: a halo is no Gaussian
   double halo_offset_px = 0.2;        // of the halo's centre from the core's, each axis
 
   // Saturation: 95 % of the lower of full well and converter range, where clipping does not bite yet.
@@ -58,7 +59,7 @@ struct Window {
 };
 inline constexpr int kMaxFitWindow = 32;  // px, each way
 
-// `guess` within about 1 px (saturated: 2 px). Does not allocate; at most 25 iterations.
+// `guess` within about 1 px (saturated: 2 px). Does not allocate; at most 40 iterations.
 template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                double background_sigma_dn, const SensorModel& sensor);

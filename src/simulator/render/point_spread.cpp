@@ -7,6 +7,10 @@
 namespace astronav::render {
 namespace {
 
+// Of the halo's light, and of its width.
+constexpr double kOuterHaloShare = 0.4;
+constexpr double kOuterHaloWidth = 2.0;
+
 constexpr double kFaintest = 0.1;  // electrons a pixel, below which a source's wing is left out
 
 // Shares of a unit Gaussian in the pixels begin..end-1 of one axis.
@@ -56,13 +60,25 @@ double core_sigma(const Camera& camera, Pixel at) {
   return camera.psf.sigma_px + camera.psf.sigma_growth_px * (du * du + dv * dv) / half_diagonal2;
 }
 
+// The smallest window that holds both.
+Window hull(const Window& a, const Window& b) {
+  if (a.empty()) return b;
+  if (b.empty()) return a;
+  return {std::min(a.u_begin, b.u_begin), std::max(a.u_end, b.u_end), std::min(a.v_begin, b.v_begin),
+          std::max(a.v_end, b.v_end)};
+}
+
 Windows add_source(ImageView<float> image, const Camera& camera, Pixel at, double electrons, Scratch& scratch) {
   const PointSpread& psf = camera.psf;
   Windows windows;
   windows.core = add_gaussian(image, at, core_sigma(camera, at), (1.0 - psf.halo_fraction) * electrons, scratch);
   if (psf.halo_fraction > 0.0) {
-    windows.halo = add_gaussian(image, {at.u + psf.halo_offset_u_px, at.v + psf.halo_offset_v_px}, psf.halo_sigma_px,
-                                psf.halo_fraction * electrons, scratch);
+    // Real wings fall more slowly than one Gaussian does.
+    const Pixel centre{at.u + psf.halo_offset_u_px, at.v + psf.halo_offset_v_px};
+    const double halo = psf.halo_fraction * electrons;
+    const Window inner = add_gaussian(image, centre, psf.halo_sigma_px, (1.0 - kOuterHaloShare) * halo, scratch);
+    const Window outer = add_gaussian(image, centre, kOuterHaloWidth * psf.halo_sigma_px, kOuterHaloShare * halo, scratch);
+    windows.halo = hull(inner, outer);
   }
   return windows;
 }

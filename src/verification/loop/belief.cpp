@@ -64,6 +64,8 @@ navigation::BeaconSettings beacon_settings(const scenario::Scenario& s, const Ca
   navigation::BeaconSettings settings;
   settings.sun_exclusion_rad = s.conops.sun_exclusion_deg * kDegree;
   settings.v_magnitude_limit = s.conops.limiting_magnitude;
+  // The image processing takes the Moon's light out of the Earth's spot, so the two may be as near as a pixel.
+  settings.min_separation_rad = camera.intrinsics.plate_scale_rad_px();
   settings.max_angular_diameter_rad = s.conops.max_beacon_size_px * camera.intrinsics.plate_scale_rad_px();
   return settings;
 }
