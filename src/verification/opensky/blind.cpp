@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 
 #include <Eigen/Geometry>
@@ -143,15 +144,22 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
   const double longest = 2.0 * std::atan(0.5 * 0.75 * shorter_px / f_min);
   const Asterisms& sky = asterisms(shorter_fov, longest, settings.tolerance * width / f_min);
 
+  // A blurred spot's centre is no better than a part of its width.
+  std::vector<int> sizes;
+  for (const int k : chosen) sizes.push_back(spots[k].pixels);
+  std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2), sizes.end());
+  const double blur_px = std::sqrt(static_cast<double>(sizes[sizes.size() / 2]));
+  const double match_px = std::max(settings.match_px, 0.2 * blur_px);
+
   vision::IdentifySettings identify;
   identify.first_match_px = settings.tolerance * width * 1.2;
-  identify.match_px = settings.match_px;
+  identify.match_px = match_px;
   identify.rough_stars = 25;
   identify.brightness_gate_mag = 3.0;  // film curves, compression, colour
   identify.max_chance = settings.max_chance;
   identify.psf_sigma_px = 1.0;
   identify.attitude.freedom = {.focal_length = true, .k1 = true, .tangential = false};
-  identify.attitude.extra_sigma_px = 0.25;
+  identify.attitude.extra_sigma_px = std::max(0.25, 0.05 * blur_px);
   identify.attitude.gate_sigma = 6.0;
   Intrinsics camera;
   camera.width_px = width;
@@ -226,16 +234,21 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
         if (fov < 0.97 * fov_min_rad || fov > 1.03 * fov_max_rad) continue;
         const Vec3 boresight = known->attitude.R_CN.row(2).transpose();
         if (settings.near && boresight.dot(settings.near->direction_N) < std::cos(settings.near->radius_rad)) continue;
-        if (judged.size() < spots.size()) {
-          // All spots, from the camera that the best of them have shown.
-          vision::Identifier again(field_, sky.index, known->attitude.intrinsics, identify, spots.size());
+        const auto refine_begin = std::chrono::steady_clock::now();
+        // Wider nets, cast from the camera that the first stars have shown, bring in the corners and the faint.
+        for (const double net : {1.5, 4.0, 8.0, 4.0, 2.0}) {
+          vision::IdentifySettings finer = identify;
+          finer.attitude.freedom.tangential = true;
+          vision::Identifier again(field_, sky.index, known->attitude.intrinsics, finer, spots.size());
           std::vector<vision::MatchedStar> more(spots.size());
-          const auto better = again.track(spots, observer, known->attitude.R_CN, 1.5 * settings.match_px, more);
-          if (better && better->matched > known->matched) {
-            known = better;
-            out.stars = std::move(more);
-          }
+          const auto better = again.track(net > 2.0 ? judged : spots, observer, known->attitude.R_CN,
+                                          net * match_px, more);
+          if (!better || better->matched <= known->matched) continue;
+          known = better;
+          out.stars = std::move(more);
         }
+        out.refine_ms =
+            std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - refine_begin).count();
         known->attitude.chance_probability *= tried;
         out.identification = *known;
         out.stars.resize(known->matched);

@@ -35,6 +35,7 @@ struct BlindSettings {
 struct BlindSolution {
   vision::Identification identification;
   std::vector<vision::MatchedStar> stars;
+  double refine_ms = 0.0;  // of the search: from the first accepted attitude to the last
 };
 
 // Which parts of the sky lie close to a star: one bit for each small cell on the faces of a cube.

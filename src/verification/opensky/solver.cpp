@@ -15,6 +15,7 @@ namespace astronav::opensky {
 namespace {
 
 constexpr std::size_t kJudgedSpots = 120;  // the most certain
+constexpr double kLargestRms = 1.5;        // px
 constexpr double kWideField = 18.0 * kDegree;
 
 double now_ms() {
@@ -157,6 +158,10 @@ Result<Solution> Solver::solve(const Picture& picture, const SolveRequest& reque
   }
   const double identified = now_ms();
   if (!known) return forward(known);
+  // The model explains the lens, or the roll is not worth telling.
+  if (known->identification.attitude.residual_rms_px > kLargestRms)
+    return fail(ErrorCode::no_match, "stars are recognised, but the lens distorts them by {0} px rms more than k1, p1 and p2 explain",
+                {known->identification.attitude.residual_rms_px});
   solution.attitude = known->identification.attitude;
   solution.attitude.mirrored = solution.mirrored;
   const auto as_in_picture = [&](Pixel p) {
@@ -183,7 +188,8 @@ Result<Solution> Solver::solve(const Picture& picture, const SolveRequest& reque
     solution.unknown.back().pixel = as_in_picture(spots[i].pixel);
   }
   const double done = now_ms();
-  solution.time_ms = {detected - begin, identified - detected, done - identified, done - begin};
+  solution.time_ms = {detected - begin, identified - detected - known->refine_ms, known->refine_ms, done - identified,
+                      done - begin};
   return solution;
 }
 

@@ -45,7 +45,7 @@ struct SolvedPlanet {
   double v_mag_measured = 0.0;
 };
 struct SolveTimes {  // ms
-  double centroid = 0.0, identify = 0.0, planets = 0.0, total = 0.0;
+  double centroid = 0.0, identify = 0.0, attitude = 0.0, planets = 0.0, total = 0.0;
 };
 
 struct Solution {
