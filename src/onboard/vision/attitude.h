@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Attitude from matched stars: a first guess from directions, then least squares on pixels with every centroid's own
-// covariance (docs/theory/vision.md eq. 9 to 12).
+// covariance (docs/theory/vision.md eq. 10 to 12).
 //
 // Error convention: theta (rad, camera axes) with R_CN_true = exp(-[theta]x) R_CN. The covariance is the inverse of the
 // normal matrix. Does not allocate.

@@ -4,7 +4,7 @@
 // Lost in space: triangles of bright spots in the pyramid's order (Mortari et al. 2004: no bad spot twice running) are
 // looked up in the pair index; near-collinear ones are refused, handedness must agree, a fourth spot must confirm. Each
 // hypothesis is judged by all catalogue stars in the field, as in RANSAC, and taken only if chance would do as well with
-// a probability below `max_chance` (docs/theory/vision.md eq. 13). With a prior attitude the judging comes at once.
+// a probability below `max_chance` (docs/theory/vision.md eq. 9). With a prior attitude the judging comes at once.
 // Allocates in its constructor and never again; the work is bounded by `max_hypotheses`.
 #pragma once
 

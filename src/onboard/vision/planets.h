@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Planets by predicted place: the innovation's Mahalanobis distance under the covariances of navigation, attitude and
-// centroid; brightness where it is expected; never a spot that is a catalogue star (docs/theory/vision.md eq. 14, 15).
+// centroid; brightness where it is expected; never a spot that is a catalogue star (docs/theory/vision.md eq. 13, 14).
 #pragma once
 
 #include <span>

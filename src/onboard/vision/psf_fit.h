@@ -59,7 +59,7 @@ struct Window {
 };
 inline constexpr int kMaxFitWindow = 32;  // px, each way
 
-// `guess` within about 1 px (saturated: 2 px). Does not allocate; at most 40 iterations.
+// `guess` within about 1 px (saturated: 2 px). Does not allocate; at most 100 iterations.
 template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                double background_sigma_dn, const SensorModel& sensor);

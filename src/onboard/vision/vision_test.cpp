@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <new>
+#include <tuple>
 
 #include "foundation/math/rotation.h"
 #include "foundation/math/statistics.h"
@@ -132,6 +133,124 @@ TEST(Vision, FollowsAPriorAndAllocatesNothing) {
     EXPECT_EQ(g_allocations, 0);
     std::printf("  tracked in %.2f ms\n", ms);
   }
+}
+
+PlanetPrediction prediction_of(BodyId body, const Vec3& direction_N, double sigma_rad, double electrons,
+                               const Truth& truth) {
+  PlanetPrediction p;
+  p.body = body;
+  p.direction_N = direction_N;
+  p.direction_covariance =
+      (Mat3::Identity() - direction_N * direction_N.transpose()) * sigma_rad * sigma_rad;
+  p.expected_flux_dn = electrons / truth.gain_e_dn;
+  return p;
+}
+
+// A saturated Jupiter and a faint Mars, predicted with the error of 1e5 km (3 sigma) at 1 AU.
+TEST(Vision, FindsPlanetsWhereTheyArePredicted) {
+  const Truth truth;
+  const Intrinsics camera = camera20();
+  Vision vision({}, camera, testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 9, .purpose = "planets"});
+  constexpr double kSigma = 1e8 / 3.0 / 1.5e11;
+  constexpr int kFrames = 12;
+  double chi2 = 0.0;
+  int found = 0;
+  for (int k = 0; k < kFrames; ++k) {
+    Scene scene{moving(), random_attitude(random)};
+    const Source planets[2] = {{{random.uniform(50, 970), random.uniform(50, 970)}, 2.3e7},
+                               {{random.uniform(50, 970), random.uniform(50, 970)}, 4e5}};
+    paint(scene, truth, camera, random, planets);
+    PlanetPrediction predictions[2];
+    for (int i = 0; i < 2; ++i) {
+      const Vec3 direction = scene.R_CN.transpose() * *unproject(camera, planets[i].pixel);
+      const Vec3 off(random.normal(), random.normal(), random.normal());
+      predictions[i] = prediction_of(i == 0 ? body::jupiter : body::mars, (direction + kSigma * off).normalized(), kSigma,
+                                     planets[i].electrons, truth);
+    }
+    const FrameResult& result = vision.process(scene.image, scene.observer, {}, predictions);
+    ASSERT_EQ(result.planets.size(), 2u);
+    for (int i = 0; i < 2; ++i) {
+      if (!result.planets[i].found) continue;
+      ++found;
+      chi2 += result.planets[i].mahalanobis;
+      const Vec2 error = result.centroids[result.planets[i].centroid].pixel.vec() - planets[i].pixel.vec();
+      EXPECT_LT(error.norm(), 0.05);
+    }
+  }
+  EXPECT_GE(found, 2 * kFrames - 1);  // a star on top of a planet spoils 1 in 50
+  EXPECT_TRUE(chi_square_mean_band(0.999, 2, found).contains(chi2 / found)) << chi2 / found;
+}
+
+TEST(Vision, NamesNoPlanetWhereThereIsNone) {
+  const Truth truth;
+  const Intrinsics camera = camera20();
+  Vision vision({}, camera, testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 10, .purpose = "no planets"});
+  for (int k = 0; k < 6; ++k) {
+    Scene scene{moving(), random_attitude(random)};
+    paint(scene, truth, camera, random);
+    PlanetPrediction predictions[8];
+    for (PlanetPrediction& p : predictions)
+      p = prediction_of(body::mars,
+                        scene.R_CN.transpose() * *unproject(camera, {random.uniform(50, 970), random.uniform(50, 970)}),
+                        2e-4, 4e5, truth);
+    for (const PlanetMatch& match : vision.process(scene.image, scene.observer, {}, predictions).planets)
+      EXPECT_FALSE(match.found);
+  }
+}
+
+// Neither noise nor a sky of invented stars is ever given an attitude.
+TEST(Vision, NoAttitudeFromNonsense) {
+  const Truth truth;
+  Vision vision({}, camera20(), testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 11, .purpose = "nonsense"});
+  for (int k = 0; k < 8; ++k) {
+    ImageF electrons(1024, 1024, 0.0f);
+    ImageU16 image(1024, 1024);
+    for (int i = 0; i < 25 * k; ++i)
+      add_source(electrons, truth, random.uniform(5, 1018), random.uniform(5, 1018),
+                 2e3 * std::pow(10.0, random.uniform(0, 2.5)));
+    expose(electrons, truth, random, image);
+    EXPECT_EQ(vision.process(image, moving()).source, AttitudeSource::none) << k;
+  }
+}
+
+TEST(PairIndex, FindsEveryPairAndRefusesBrokenBytes) {
+  const PairIndex& index = sky().index;
+  RandomStream random(StreamId{.seed = 12, .purpose = "pairs"});
+  for (int k = 0; k < 2000; ++k) {
+    const auto a = static_cast<std::uint32_t>(random.uniform() * static_cast<double>(index.star_count()));
+    const auto b = static_cast<std::uint32_t>(random.uniform() * static_cast<double>(index.star_count()));
+    const double cosine = index.direction(a).dot(index.direction(b));
+    if (a == b || cosine < std::cos(index.max_angle_rad()) + 1e-6) continue;
+    bool listed = false;
+    for (const PairIndex::Pair& pair : index.pairs(cosine - 1e-6, cosine + 1e-6))
+      listed |= (pair.a == a && pair.b == b) || (pair.a == b && pair.b == a);
+    EXPECT_TRUE(listed) << a << ' ' << b;
+  }
+  std::vector<std::byte> bytes = sky().bytes;
+  EXPECT_FALSE(PairIndex::open(std::span(bytes).first(10)));
+  EXPECT_FALSE(PairIndex::open(std::span(bytes).first(bytes.size() - 4)));
+  bytes[0] = std::byte{'X'};
+  EXPECT_FALSE(PairIndex::open(bytes));
+  bytes = sky().bytes;
+  bytes.back() = std::byte{0xff};  // a star that is not there
+  bytes[bytes.size() - 2] = std::byte{0xff};
+  EXPECT_FALSE(PairIndex::open(bytes));
+}
+
+TEST(Identifier, ChanceIsAnUpperBound) {
+  // Against the exact binomial tail.
+  for (const auto& [n, k, p] : {std::tuple{20, 5, 0.01}, std::tuple{100, 12, 0.03}, std::tuple{10, 10, 0.2}}) {
+    double tail = 0.0;
+    for (int i = k; i <= n; ++i)
+      tail += std::exp(std::lgamma(n + 1.0) - std::lgamma(i + 1.0) - std::lgamma(n - i + 1.0) + i * std::log(p) +
+                       (n - i) * std::log1p(-p));
+    EXPECT_GE(chance_of_matches(n, k, p), tail * (1.0 - 1e-9));
+    EXPECT_LT(chance_of_matches(n, k, p), 30.0 * tail);
+  }
+  EXPECT_EQ(chance_of_matches(10, 1, 0.2), 1.0);
 }
 
 }  // namespace
