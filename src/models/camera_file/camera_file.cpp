@@ -11,6 +11,7 @@
 #include <set>
 #include <vector>
 
+#include "foundation/base/nearest_word.h"
 #include "foundation/files/mapped_file.h"
 
 namespace astronav {
@@ -109,27 +110,6 @@ std::set<std::string> known_keys() {
   return keys;
 }
 
-// Levenshtein's distance.
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, replaced});
-    }
-  }
-  return row[b.size()];
-}
-
-std::string nearest(std::string_view key, const std::set<std::string>& keys) {
-  return *std::min_element(keys.begin(), keys.end(),
-                           [&](const auto& a, const auto& b) { return distance(key, a) < distance(key, b); });
-}
-
 class Parser {
  public:
   Parser(const toml::table& root, std::string_view file) : root_(root), file_(file) {}
@@ -179,7 +159,7 @@ class Parser {
     }
     const auto unknown = [&](const toml::key& key, const std::string& name) {
       return fail(ErrorCode::invalid_argument, "unknown key {s}", {}, place(key.source().begin),
-                  fmt::format("\"{}\"; did you mean \"{}\"?", name, nearest(name, known)));
+                  fmt::format("\"{}\"; did you mean \"{}\"?", name, *nearest_word(name, known)));
     };
     for (const auto& [key, node] : root_) {
       const bool is_section = sections.contains(key.str());

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "foundation/base/nearest_word.h"
+
 namespace astronav {
 namespace {
 
@@ -134,22 +136,6 @@ Plain plain(std::string_view s) {
   return out;
 }
 
-// Levenshtein's distance.
-int distance(std::string_view a, std::string_view b) {
-  std::array<int, kLongestName + 1> row{};
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = static_cast<int>(j);
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    int diagonal = row[0];
-    row[0] = static_cast<int>(i);
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const int replaced = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
-      diagonal = row[j];
-      row[j] = std::min({replaced, row[j] + 1, row[j - 1] + 1});
-    }
-  }
-  return row[b.size()];
-}
-
 }  // namespace
 
 std::string_view body_name(BodyId id) {
@@ -167,17 +153,10 @@ Result<BodyId> parse_body(std::string_view text) {
   if (error == std::errc() && end == text.data() + text.size()) return BodyId{number};
 
   const Plain wanted = plain(text);
-  std::string_view nearest;
-  int least = 0;
   for (const Name& known : kNames) {
-    const Plain name = plain(known.name);
-    if (name.view() == wanted.view()) return BodyId{known.id};
-    const int d = distance(wanted.view(), name.view());
-    if (nearest.empty() || d < least) {
-      nearest = known.name;
-      least = d;
-    }
+    if (plain(known.name).view() == wanted.view()) return BodyId{known.id};
   }
+  const std::string_view nearest = nearest_word(wanted.view(), kNames, [](const Name& known) { return known.name; })->name;
   // The error has one field for text: what was asked for and what is near share it.
   std::array<char, 160> said{};
   std::snprintf(said.data(), said.size(), "'%.*s' (the nearest name is '%.*s'; NAIF numbers are read too)",

@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
+#include <limits>
+
+#include "foundation/base/nearest_word.h"
 
 namespace astronav::scenario {
 namespace {
@@ -101,22 +103,6 @@ const std::array kKeys{
 };
 // clang-format on
 
-// Edit distance (Levenshtein).
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i + 1;
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t substituted = diagonal + (a[i] == b[j] ? 0 : 1);
-      diagonal = row[j + 1];
-      row[j + 1] = std::min({row[j] + 1, row[j + 1] + 1, substituted});
-    }
-  }
-  return row.back();
-}
-
 std::string toml_string(std::string_view text) {
   std::string out = "\"";
   for (const char c : text) {
@@ -157,9 +143,7 @@ const Key* find_key(std::string_view name) {
 }
 
 std::string_view nearest_key(std::string_view name) {
-  return std::min_element(kKeys.begin(), kKeys.end(),
-                          [&](const Key& a, const Key& b) { return distance(name, a.name) < distance(name, b.name); })
-      ->name;
+  return nearest_word(name, kKeys, [](const Key& key) { return key.name; })->name;
 }
 
 std::string_view section_of(std::string_view key) { return key.substr(0, key.rfind('.')); }
