@@ -9,11 +9,11 @@
 #include <new>
 #include <tuple>
 
+#include "foundation/files/mapped_file.h"
 #include "foundation/math/rotation.h"
 #include "foundation/math/statistics.h"
 #include "models/aberration/aberration.h"
 #include "onboard/vision/synthetic_frame_for_tests.h"
-#include "onboard/vision/synthetic_sky_for_tests.h"
 
 namespace {
 std::atomic<bool> g_counting{false};
@@ -33,8 +33,31 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 namespace astronav::vision {
 namespace {
 
-using testing::sky;
 using testing::Truth;
+
+// The project's own catalogue, with an index for a 20-degree camera.
+struct Sky {
+  MappedFile file;
+  StarField field;
+  std::vector<std::byte> bytes;
+  PairIndex index;
+};
+
+const Sky& sky() {
+  static const Sky instance = [] {
+    Sky s;
+    auto file = MappedFile::open(home_directory() / "data/hipparcos.stars");
+    if (!file) ADD_FAILURE() << describe(file.error());
+    s.file = std::move(*file);
+    const auto catalogue = StarCatalogue::open(s.file.bytes());
+    if (!catalogue) ADD_FAILURE() << describe(catalogue.error());
+    s.field = StarField::build(*catalogue, 9.0, Epoch::tdb_seconds(26.9 * 365.25 * 86400.0));
+    s.bytes = build_pair_index(s.field, AsterismSettings::for_field(20.0 * kDegree, 20.0 * kDegree));
+    s.index = *PairIndex::open(s.bytes);
+    return s;
+  }();
+  return instance;
+}
 
 constexpr double kElectronsV0 = 2.28e6;  // the 20-degree camera, solar colour
 
