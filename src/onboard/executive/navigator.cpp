@@ -45,28 +45,29 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
                                                  .p_body_from_observer_N = from_center->p_m - filter_.state().p_m,
                                                  .epoch = emitted});
   if (!v_mag) return prediction;  // no law for this body: place alone
-  const BrightnessSettings& bright = *settings_.brightness;
   prediction.v_mag = *v_mag;
-  prediction.expected_flux_dn =
-      bright.band.flux(*v_mag, planet_b_v(beacon)).electrons_per_s * bright.exposure_s / bright.gain_e_dn;
-  if (beacon == body::earth) add_moon(prediction, *v_mag, emitted, epoch);
+  prediction.expected_flux_dn = flux_dn(*v_mag, beacon);
+  if (beacon == body::earth) add_moon(prediction, emitted);
   return prediction;
 }
 
 // The Earth's spot holds the Moon's light wherever both are a few pixels apart.
-void Navigator::add_moon(vision::PlanetPrediction& prediction, double earth_v_mag, Epoch emitted, Epoch epoch) const {
+void Navigator::add_moon(vision::PlanetPrediction& prediction, Epoch emitted) const {
   const auto from_sun = ephemeris_->state(body::moon, body::sun, emitted);
   const auto sight = filter_.predict_direction(body::moon);
   const auto from_center = ephemeris_->state(body::moon, body::solar_system_barycenter, emitted);
   if (!from_sun || !sight || !from_center) return;
   const auto v_mag = planet_v_magnitude(body::moon, {.p_body_from_sun_N = from_sun->p_m,
                                                      .p_body_from_observer_N = from_center->p_m - filter_.state().p_m,
-                                                     .epoch = epoch});
+                                                     .epoch = emitted});
   if (!v_mag) return;
-  const BandPhotometry& band = settings_.brightness->band;
   prediction.companion_direction_N = sight->direction_N;
-  prediction.companion_flux_ratio = band.flux(*v_mag, planet_b_v(body::moon)).electrons_per_s /
-                                    band.flux(earth_v_mag, planet_b_v(body::earth)).electrons_per_s;
+  prediction.companion_flux_dn = flux_dn(*v_mag, body::moon);
+}
+
+double Navigator::flux_dn(double v_mag, BodyId body) const {
+  const BrightnessSettings& bright = *settings_.brightness;
+  return bright.band.flux(v_mag, planet_b_v(body)).electrons_per_s * bright.exposure_s / bright.gain_e_dn;
 }
 
 Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon) {

@@ -70,7 +70,8 @@ class Navigator {
  private:
   // Where a beacon should be and how bright, as the image processing is told.
   Result<vision::PlanetPrediction> predict(BodyId beacon, Epoch epoch) const;
-  void add_moon(vision::PlanetPrediction& prediction, double earth_v_mag, Epoch emitted, Epoch epoch) const;
+  void add_moon(vision::PlanetPrediction& prediction, Epoch emitted) const;
+  double flux_dn(double v_mag, BodyId body) const;
 
   NavigatorSettings settings_;
   const Ephemeris* ephemeris_;

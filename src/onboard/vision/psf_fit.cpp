@@ -347,7 +347,7 @@ template <typename T>
 PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                       double background_sigma_dn, const SensorModel& sensor, const Companion& companion) {
   constexpr int kMaxRounds = 8;
-  constexpr double kFluxRatioError = 0.1;
+  constexpr double kFluxError = 0.1;
   PsfFit fit = fit_psf(image, window, guess, background_dn, background_sigma_dn, sensor);
   const Vec2 first = fit.pixel.vec();
   std::array<float, kMaxFitWindow * kMaxFitWindow> light;
@@ -360,7 +360,7 @@ PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel gues
     for (int j = 0; j < window.height(); ++j) {
       for (int i = 0; i < window.width(); ++i) {
         const auto dn = static_cast<double>(image(window.u0 + i, window.v0 + j));
-        const double other = companion.flux_ratio * fit.flux_dn * x.share[i] * y.share[j];
+        const double other = companion.flux_dn * x.share[i] * y.share[j];
         // A saturated pixel stays one, whoever filled it.
         alone(i, j) = static_cast<float>(dn >= sensor.saturation_dn ? dn : dn - other);
       }
@@ -372,7 +372,7 @@ PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel gues
     fit = next;
     if (moved < 10.0 * kConverged) break;
   }
-  const Vec2 shift = kFluxRatioError * (fit.pixel.vec() - first);
+  const Vec2 shift = kFluxError * (fit.pixel.vec() - first);
   fit.covariance_px2 += shift * shift.transpose();
   return fit;
 }

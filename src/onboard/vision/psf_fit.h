@@ -64,14 +64,15 @@ template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                double background_sigma_dn, const SensorModel& sensor);
 
-// Another body whose light falls into the window: its place relative to the spot, and its share of the spot's light.
+// Another body whose light falls into the window: its place relative to the spot, and its light. Not as a share of the
+// spot's own flux: that of a saturated spot is known from its wings alone, to 20 %.
 struct Companion {
   Vec2 offset_px = Vec2::Zero();
-  double flux_ratio = 0.0;
+  double flux_dn = 0.0;
 };
 
 // The same beside a companion (the Moon beside the Earth): its light is taken away, and the fit repeated until both agree.
-// The flux ratio is believed to 10 %; what that moves the place by is added to the covariance.
+// Its flux is believed to 10 %; what that moves the place by is added to the covariance.
 template <typename T>
 PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                       double background_sigma_dn, const SensorModel& sensor, const Companion& companion);

@@ -46,9 +46,9 @@ struct PlanetPrediction {
   Mat3 direction_covariance = Mat3::Zero();  // of the unit vector, N
   double v_mag = 0.0;
   double expected_flux_dn = 0.0;             // 0: brightness is not used
-  // A body beside it whose light may run into its spot (the Moon beside the Earth). Ratio 0: none.
+  // A body beside it whose light may run into its spot (the Moon beside the Earth). Flux 0: none.
   Vec3 companion_direction_N = Vec3::Zero();
-  double companion_flux_ratio = 0.0;
+  double companion_flux_dn = 0.0;
 };
 
 struct PlanetMatch {

@@ -64,7 +64,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     planets_[i] = PlanetMatch{};
     planets_[i].body = predictions[i].body;
     if (!known) continue;
-    if (predictions[i].companion_flux_ratio > 0.0) part_from_companion(frame, predictions[i]);
+    if (predictions[i].companion_flux_dn > 0.0) part_from_companion(frame, predictions[i]);
     planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
                               std::span<const unsigned char>(is_star_.data(), spots), settings_.planets);
     if (planets_[i].found) is_star_[planets_[i].centroid] = 1;
@@ -83,7 +83,7 @@ void Vision::part_from_companion(ImageView<const std::uint16_t> frame, const Pla
   const Result<PredictedPixel> planet = predict_pixel(prediction, result_.attitude);
   const Result<Pixel> companion = project(result_.attitude.intrinsics, result_.attitude.R_CN * prediction.companion_direction_N);
   if (!planet || !companion) return;
-  const Companion beside{companion->vec() - planet->pixel.vec(), prediction.companion_flux_ratio};
+  const Companion beside{companion->vec() - planet->pixel.vec(), prediction.companion_flux_dn};
   if (beside.offset_px.norm() > kCompanionPx) return;
   const double sigma_px = std::sqrt(planet->covariance_px2.trace());
   std::size_t nearest = result_.centroids.size();

@@ -25,11 +25,8 @@ void integrate(double centre, double sigma, int begin, int end, std::vector<floa
   }
 }
 
-}  // namespace
-
-Window add_gaussian(ImageView<float> image, Pixel centre, double sigma_px, double electrons, Scratch& scratch) {
+Window add_within(ImageView<float> image, Pixel centre, double sigma_px, double reach, double electrons, Scratch& scratch) {
   if (!(electrons > 0.0)) return {};
-  const double reach = sigma_px * std::max(4.0, std::sqrt(2.0 * std::log(std::max(1.0, electrons / kFaintest))));
   // A source far outside stays out of the conversion to int.
   if (!(centre.u + reach > -1.0 && centre.u - reach < image.width() && centre.v + reach > -1.0 &&
         centre.v - reach < image.height())) {
@@ -51,13 +48,10 @@ Window add_gaussian(ImageView<float> image, Pixel centre, double sigma_px, doubl
   return window;
 }
 
-double core_sigma(const Camera& camera, Pixel at) {
-  const Intrinsics& c = camera.intrinsics;
-  const double du = at.u - c.cx_px;
-  const double dv = at.v - c.cy_px;
-  const double half_diagonal2 = 0.25 * (static_cast<double>(c.width_px) * c.width_px +
-                                        static_cast<double>(c.height_px) * c.height_px);
-  return camera.psf.sigma_px + camera.psf.sigma_growth_px * (du * du + dv * dv) / half_diagonal2;
+// How far a wing is drawn: to where a pixel holds kFaintest electrons of it. 0 where it never holds e times that.
+double wing_reach(double sigma_px, double electrons) {
+  const double peak = electrons / (2.0 * kPi * sigma_px * sigma_px);
+  return peak > std::exp(1.0) * kFaintest ? sigma_px * std::sqrt(2.0 * std::log(peak / kFaintest)) : 0.0;
 }
 
 // The smallest window that holds both.
@@ -68,18 +62,41 @@ Window hull(const Window& a, const Window& b) {
           std::max(a.v_end, b.v_end)};
 }
 
+}  // namespace
+
+Window add_gaussian(ImageView<float> image, Pixel centre, double sigma_px, double electrons, Scratch& scratch) {
+  const double reach = sigma_px * std::max(4.0, std::sqrt(2.0 * std::log(std::max(1.0, electrons / kFaintest))));
+  return add_within(image, centre, sigma_px, reach, electrons, scratch);
+}
+
+double core_sigma(const Camera& camera, Pixel at) {
+  const Intrinsics& c = camera.intrinsics;
+  const double du = at.u - c.cx_px;
+  const double dv = at.v - c.cy_px;
+  const double half_diagonal2 = 0.25 * (static_cast<double>(c.width_px) * c.width_px +
+                                        static_cast<double>(c.height_px) * c.height_px);
+  return camera.psf.sigma_px + camera.psf.sigma_growth_px * (du * du + dv * dv) / half_diagonal2;
+}
+
 Windows add_source(ImageView<float> image, const Camera& camera, Pixel at, double electrons, Scratch& scratch) {
   const PointSpread& psf = camera.psf;
   Windows windows;
-  windows.core = add_gaussian(image, at, core_sigma(camera, at), (1.0 - psf.halo_fraction) * electrons, scratch);
+  double core = electrons;
   if (psf.halo_fraction > 0.0) {
-    // Real wings fall more slowly than one Gaussian does.
     const Pixel centre{at.u + psf.halo_offset_u_px, at.v + psf.halo_offset_v_px};
-    const double halo = psf.halo_fraction * electrons;
-    const Window inner = add_gaussian(image, centre, psf.halo_sigma_px, (1.0 - kOuterHaloShare) * halo, scratch);
-    const Window outer = add_gaussian(image, centre, kOuterHaloWidth * psf.halo_sigma_px, kOuterHaloShare * halo, scratch);
-    windows.halo = hull(inner, outer);
+    for (const bool outer : {false, true}) {
+      const double sigma = psf.halo_sigma_px * (outer ? kOuterHaloWidth : 1.0);
+      const double wing = psf.halo_fraction * electrons * (outer ? kOuterHaloShare : 1.0 - kOuterHaloShare);
+      // A faint star's wing of a hundredth of an electron a pixel would touch most of the frame. What lies beyond the
+      // reach is put back within it, and a wing that is nowhere seen into the core: no light is lost.
+      const double reach = wing_reach(sigma, wing);
+      if (reach == 0.0) continue;
+      const double within = std::pow(std::erf((reach + 1.0) / (std::sqrt(2.0) * sigma)), 2);
+      windows.halo = hull(windows.halo, add_within(image, centre, sigma, reach, wing / within, scratch));
+      core -= wing;
+    }
   }
+  windows.core = add_gaussian(image, at, core_sigma(camera, at), core, scratch);
   return windows;
 }
 

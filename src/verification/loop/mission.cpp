@@ -100,6 +100,8 @@ Result<Records> Flight::fly() {
   }
   records_.cycles = timeline_->cycles();
   records_.duration_days = (end - begin).days();
+  records_.begin = begin;
+  records_.end = end;
   record_orbits(begin, end);
   records_.level = name(options_.level);
   records_.seed = options_.seed;
