@@ -90,6 +90,7 @@ Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exp
   look.measurement.mid_exposure = mid_exposure;
   look.measurement.pixel = spot.pixel;
   look.measurement.pixel_covariance_px2 = spot.covariance_px2;
+  look.measurement.repeating_sigma_px = spot.repeating_sigma_px;
   look.measurement.R_CN = seen.attitude.R_CN;
   look.measurement.attitude_covariance_rad2 = seen.attitude.covariance_rad2;
   look.update = filter_.update(look.measurement);

@@ -158,7 +158,9 @@ void Filter::start_window(const BeaconMeasurement& measurement, const PixelPredi
   const BeaconErrors& errors = errors_of(measurement.body);
   const Mat23 by_body = errors.ephemeris_m * prediction.by_position;
   const Vec2 by_shift = errors.photocentre_fraction * (prediction.by_direction * prediction.sight.shift_N);
-  const Mat2 covariance = settings_.bias.sigma * settings_.bias.sigma * Mat2::Identity() + by_body * by_body.transpose() +
+  const double repeating2 =
+      settings_.bias.sigma * settings_.bias.sigma + measurement.repeating_sigma_px * measurement.repeating_sigma_px;
+  const Mat2 covariance = repeating2 * Mat2::Identity() + by_body * by_body.transpose() +
                           by_shift * by_shift.transpose();
 
   StateMatrix phi = StateMatrix::Identity();

@@ -54,8 +54,8 @@ struct FilterSettings {
   // Scale of R per beacon, learnt from past residuals (expectation-maximisation with an inverse-gamma prior of
   // `adaptive_prior_count` measurements at scale 1 and forgetting over `adaptive_memory_count`).
   bool adaptive_noise = false;
-  double adaptive_prior_count = 100.0;
-  double adaptive_memory_count = 500.0;
+  double adaptive_prior_count = 20.0;
+  double adaptive_memory_count = 300.0;
 
   std::array<BeaconErrors, 8> beacon_errors{};  // unused entries have body 0
 };

@@ -14,6 +14,8 @@ namespace astronav::vision {
 struct Centroid {
   Pixel pixel;
   Mat2 covariance_px2 = Mat2::Identity();
+  // The share of the error that repeats from frame to frame, per axis, 1 sigma; beside the covariance.
+  double repeating_sigma_px = 0.0;
   double flux_dn = 0.0;     // above the background
   double peak_dn = 0.0;     // above the background
   double snr = 0.0;

@@ -64,7 +64,7 @@ struct TruthCamera {
 struct TruthDynamics {
   double area_to_mass_cr_m2_kg = 0.026;
   double srp_scale_error = 0.0;
-  double unmodelled_acceleration_m_s2 = 8e-9;
+  double unmodelled_acceleration_m_s2 = 1e-8;
   double unmodelled_tau_days = 5.0;
   bool relativity = true;
   std::vector<std::string> bodies = {"mercury", "venus",  "earth",  "moon",   "mars",
@@ -94,11 +94,11 @@ struct OnboardFilter {
   double acceleration_sigma_m_s2 = 1e-8;
   double acceleration_tau_days = 5.0;
   double area_to_mass_cr_m2_kg = 0.026;
-  double srp_scale_sigma = 0.1;
+  double srp_scale_sigma = 0.05;
   double camera_focal_relative_sigma = 1e-5;
   double camera_k1_sigma = 1e-4;
   double camera_tau_days = 30.0;
-  double window_bias_sigma_px = 0.004;
+  double window_bias_sigma_px = 0.001;
   double window_bias_tau_hours = 12.0;
   double ephemeris_sigma_km = 1.0;
   double gate_probability = 0.9999;
