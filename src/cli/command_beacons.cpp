@@ -8,6 +8,7 @@
 
 #include "cli/command.h"
 #include "cli/commands.h"
+#include "cli/validators.h"
 #include "onboard/executive/timeline.h"
 #include "onboard/navigation/beacons.h"
 #include "verification/loop/belief.h"
@@ -170,8 +171,8 @@ void add_beacons(CLI::App& app, Invocation& invocation) {
   CLI::App* sub = app.add_subcommand("beacons", "which planets to track when, and why");
   sub->footer("Example:\n  astronav beacons earth-mars-ballistic --set conops.sun_exclusion_deg=20");
   sub->add_option("scenario", options->scenario, "TOML file, or the name of one in scenarios/")->capture_default_str();
-  sub->add_option("--set", options->set, "key=value, any key of the scenario");
-  sub->add_option("--seed", options->seed, "for scenarios with distributions")->capture_default_str();
+  sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")->allow_extra_args(false);
+  sub->add_option("--seed", options->seed, "for scenarios with distributions")->check(seed_number())->capture_default_str();
   sub->add_flag("--json", options->json, "one JSON object a navigation cycle");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });
 }

@@ -13,10 +13,12 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/mission_inputs.h"
+#include "cli/validators.h"
 #include "foundation/base/progress.h"
 #include "foundation/files/mapped_file.h"
 #include "verification/campaign/campaign.h"
 #include "verification/loop/mission.h"
+#include "verification/loop/world.h"
 #include "verification/report/report.h"
 #include "verification/scenario/scenario.h"
 
@@ -89,9 +91,13 @@ Result<int> fly(const Options& options) {
   if (!first) return forward(first);
   const auto settings = campaign_options(options, first->mission.name);
   if (!settings) return forward(settings);
+  // What no sample could fly with is bad input, and is said before the first of them.
+  const auto world = loop::World::create(*first, options.seed, 0);
+  if (!world) return forward(world);
+  const auto camera = scenario::onboard_camera(*first);
+  if (!camera) return forward(camera);
 
   ProgressBar bar(fmt::format("campaign {}, {}", first->mission.name, options.level));
-  bar.update(0.0, fmt::format("{} samples", options.samples));
   const auto outcome = campaign::run(
       *draft, *settings,
       [&](const scenario::Scenario& scenario, std::uint64_t seed, std::uint64_t sample) {
@@ -145,9 +151,9 @@ void add_campaign(CLI::App& app, Invocation& invocation) {
   sub->footer("A campaign that was stopped goes on where it was.\n\nExample:\n  astronav campaign earth-mars-ballistic --samples 100 --jobs 4 --out runs/hundred");
   const auto add_common = [options](CLI::App* to) {
     to->add_option("--level", options->level, "mil or sil")->capture_default_str();
-    to->add_option("--samples", options->samples, "how many; sample i has seed SEED + i")->capture_default_str();
-    to->add_option("--seed", options->seed, "of the first sample")->capture_default_str();
-    to->add_option("--jobs", options->jobs, "threads")->capture_default_str();
+    to->add_option("--samples", options->samples, "how many; sample i has seed SEED + i")->check(number_within(1, 1e7))->capture_default_str();
+    to->add_option("--seed", options->seed, "of the first sample")->check(seed_number())->capture_default_str();
+    to->add_option("--jobs", options->jobs, "threads")->check(number_within(1, 1024))->capture_default_str();
     to->add_option("--out", options->out, "folder of the results; default runs/campaign-NAME-LEVEL");
   };
   sub->add_option("scenario", options->scenario, "TOML file, or a name in scenarios/");
@@ -169,7 +175,7 @@ void add_campaign(CLI::App& app, Invocation& invocation) {
   CLI::App* slurm_sub = sub->add_subcommand("slurm", "writes a job script for Slurm to standard output");
   slurm_sub->add_option("scenario", options->scenario, "TOML file, or a name in scenarios/")->required();
   add_common(slurm_sub);
-  slurm_sub->add_option("--shards", options->shards, "array tasks")->capture_default_str();
+  slurm_sub->add_option("--shards", options->shards, "array tasks")->check(number_within(1, 1e5))->capture_default_str();
   slurm_sub->footer("Example:\n  astronav campaign slurm earth-mars-ballistic --samples 1000 --shards 20 --jobs 8 --out runs/thousand > job.sh");
   slurm_sub->callback([options, &invocation] { invocation.action = [options] { return slurm(*options); }; });
 }

@@ -10,6 +10,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/validators.h"
 #include "models/aberration/aberration.h"
 #include "models/photometry/photometry.h"
 
@@ -203,16 +204,19 @@ Result<int> run(const Options& options) {
     return fail(ErrorCode::invalid_argument, "'{s}' cannot be seen from itself: give another --from", {}, {},
                 title(*body));
   const Question question{*body, *from, options.correction != "none", options.correction == "lt+s", options.iterations};
+  // All or nothing: an epoch outside the kernels is bad input, and then nothing has been printed.
   std::vector<Answer> answers;
+  answers.reserve(epochs->size());
   for (const Epoch epoch : *epochs) {
     const auto one = answer(ephemeris, question, epoch);
     if (!one) return forward(one);
-    if (options.json)
-      print_json(question, options.correction, *one);
-    else
-      answers.push_back(*one);
+    answers.push_back(*one);
   }
-  if (!options.json) print_table(question, options.correction, answers);
+  if (options.json) {
+    for (const Answer& one : answers) print_json(question, options.correction, one);
+  } else {
+    print_table(question, options.correction, answers);
+  }
   return 0;
 }
 
@@ -234,7 +238,7 @@ void add_ephemeris(CLI::App& app, Invocation& invocation) {
       ->check(CLI::IsMember({"none", "lt", "lt+s"}))
       ->capture_default_str();
   sub->add_option("--iterations", options->iterations, "of the light time; 1 is SPICE's LT (default: to convergence)")
-      ->check(CLI::Range(1, 10));
+      ->check(number_within(1, 10));
   sub->add_option("--kernel", options->kernels, "SPK files in place of DE405; later ones take precedence");
   sub->add_flag("--json", options->json, "one JSON object an epoch");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });

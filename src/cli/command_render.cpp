@@ -11,6 +11,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/validators.h"
 #include "cli/wcs.h"
 #include "foundation/raster/raster.h"
 #include "models/camera_file/camera_file.h"
@@ -213,8 +214,7 @@ void add_render(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("render", "one image of the sky as a camera somewhere in the solar system takes it");
   sub->footer(
-      "Example:\n  astronav render --epoch '2026-11-22T00:00:00 TDB' --observer earth --pointing 83.8,-1.2,0 "
-      "--out orion.fits --truth orion.json");
+      "Example:\n  astronav render --epoch 2026-11-22 --pointing 83.8,-1.2,0 --out orion.fits --truth orion.json");
   sub->add_option("--camera", options->camera, "camera file, or the name of one in scenarios/cameras")
       ->capture_default_str();
   sub->add_option("--epoch", options->epoch, "middle of the exposure, ISO 8601 with scale (UTC if none)")->required();
@@ -223,9 +223,9 @@ void add_render(CLI::App& app, Invocation& invocation) {
       ->capture_default_str();
   sub->add_option("--pointing", options->pointing, "RA,DEC,ROLL of the boresight in degrees, ICRF, apparent")
       ->required();
-  sub->add_option("--exposure-ms", options->exposure_ms, "default: the camera's own")->check(CLI::Range(1e-6, 1e7));
-  sub->add_option("--seed", options->seed, "of detector and noise")->capture_default_str();
-  sub->add_option("--max-v", options->max_v, "faintest stars")->check(CLI::Range(-2.0, 20.0))->capture_default_str();
+  sub->add_option("--exposure-ms", options->exposure_ms, "default: the camera's own")->check(number_within(1e-6, 1e7));
+  sub->add_option("--seed", options->seed, "of detector and noise")->check(seed_number())->capture_default_str();
+  sub->add_option("--max-v", options->max_v, "faintest stars")->check(number_within(-2.0, 20.0))->capture_default_str();
   sub->add_option("--out", options->out, "FILE.fits (with WCS) or FILE.png (16 bit, values are DN)")->required();
   sub->add_option("--truth", options->truth, "FILE.json: attitude, observer and every source in the image");
   sub->add_option("--kernel", options->kernels, "SPK files in place of DE405; later ones take precedence");

@@ -12,6 +12,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/mission_inputs.h"
+#include "cli/validators.h"
 #include "foundation/base/progress.h"
 #include "foundation/files/mapped_file.h"
 #include "verification/loop/files.h"
@@ -108,7 +109,7 @@ void add_run(CLI::App& app, Invocation& invocation) {
   sub->footer("Example:\n  astronav run --level mil --seed 3 --set conops.cycle_days=5 --out runs/short-cycles");
   sub->add_option("scenario", options->scenario, "TOML file, or a name in scenarios/")->capture_default_str();
   sub->add_option("--level", options->level, "mil (no images) or sil (rendered images); default sil");
-  sub->add_option("--seed", options->seed, "of everything random; default 1");
+  sub->add_option("--seed", options->seed, "of everything random; default 1")->check(seed_number());
   sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")->allow_extra_args(false);
   sub->add_option("--out", options->out, "folder of the results; default runs/NAME-LEVEL-seedN");
   sub->add_option("--schema", options->schema, "print every key of a scenario, as text or markdown, and stop")->expected(0, 1)->default_str("text");

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <chrono>
-#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -14,6 +13,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/validators.h"
 #include "foundation/files/mapped_file.h"
 #include "models/oem/oem.h"
 #include "simulator/trajectory/trajectory.h"
@@ -227,6 +227,8 @@ Result<int> run_convert(const ConvertOptions& options) {
     oem.object_name = title(*target);
     oem.object_id = fmt::format("{}", target->value);
   } else {
+    if (!options.body.empty())
+      return fail(ErrorCode::invalid_argument, "a message is about one body: --body is for SPK kernels", {}, "--body");
     auto read = parse_oem(file->text(), options.in);
     if (!read) return forward(read);
     if (as_it_is) {
@@ -274,10 +276,6 @@ Result<int> run_design(const DesignOptions& options) {
   const auto kernels = open_kernels(options.kernels);
   if (!kernels) return forward(kernels);
 
-  // The option parser lets "nan" pass its ranges.
-  if (!std::isfinite(options.days + options.coast_in_days + options.coast_out_days + options.miss_km)) {
-    return fail(ErrorCode::invalid_argument, "--days, --coast-in-days, --coast-out-days and --miss-km must be finite");
-  }
   transfer::BallisticSettings settings;
   settings.miss_distance_m = options.miss_km * 1e3;
   settings.coast_in = Duration::days(options.coast_in_days);
@@ -363,22 +361,21 @@ void add_trajectory(CLI::App& app, Invocation& invocation) {
   auto design = std::make_shared<DesignOptions>();
   CLI::App* design_app = sub->add_subcommand("design", "a ballistic transfer between two planets under all forces");
   design_app->footer(
-      "Example:\n  astronav trajectory design --from earth --to mars --departure 2026-11-09 --days 300 --out "
-      "cruise.oem");
+      "Example:\n  astronav trajectory design --from earth --to mars --departure 2026-11-09 --days 300 --out cruise.oem");
   design_app->add_option("--from", design->from, "planet of departure")->capture_default_str();
   design_app->add_option("--to", design->to, "planet of arrival")->capture_default_str();
   design_app->add_option("--departure", design->departure, "ISO 8601 with scale (UTC if none)")->required();
-  design_app->add_option("--days", design->days, "from departure to arrival")->required()->check(CLI::Range(1.0, 1e4));
+  design_app->add_option("--days", design->days, "from departure to arrival")->required()->check(number_within(1.0, 1e4));
   design_app
       ->add_option("--miss-km", design->miss_km,
-                   "distance of the aim point from the planet of arrival (default: a fifth of its sphere of influence)")
-      ->check(CLI::Range(0.0, 1e9));
+                   "aim point's distance from the planet (default: a fifth of its sphere of influence)")
+      ->check(number_within(0.0, 1e9));
   design_app->add_option("--coast-in-days", design->coast_in_days, "from departure to where the cruise begins")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e4));
+      ->check(number_within(0.0, 1e4));
   design_app->add_option("--coast-out-days", design->coast_out_days, "from where the cruise ends to arrival")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e4));
+      ->check(number_within(0.0, 1e4));
   design_app->add_option("--out", design->out, "OEM of the cruise to write");
   design_app->add_option("--step", design->step, "between its states")->capture_default_str();
   design_app->add_option("--kernel", design->kernels, "SPK files in place of DE405; later ones take precedence");

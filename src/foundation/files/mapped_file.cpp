@@ -16,7 +16,8 @@ namespace astronav {
 
 Result<MappedFile> MappedFile::open(const std::filesystem::path& path) {
   const std::string where = path.string();
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // Without O_NONBLOCK a pipe would be waited for before it can be refused.
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (fd < 0) {
     if (errno == ENOENT || errno == ENOTDIR) return fail(ErrorCode::not_found, "no such file", {}, where);
     return fail(ErrorCode::io_failure, "cannot be opened ({s})", {}, where, std::strerror(errno));

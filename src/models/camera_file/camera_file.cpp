@@ -298,6 +298,8 @@ Result<Camera> read_camera(const std::filesystem::path& path_or_name) {
     }
     return forward(file);
   }
+  if (file->text().find_first_not_of(" \t\r\n") == std::string_view::npos)
+    return fail(ErrorCode::invalid_argument, "the file is empty, where a camera in TOML was expected", {}, path.string());
   Result<Camera> camera = parse_camera(file->text(), path.string());
   if (camera && camera->name.empty()) camera->name = path.stem().string();
   return camera;

@@ -148,6 +148,7 @@ std::string_view body_name(BodyId id) {
 Result<BodyId> parse_body(std::string_view text) {
   while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
   while (!text.empty() && text.back() == ' ') text.remove_suffix(1);
+  if (text.empty()) return fail(ErrorCode::invalid_argument, "a body is missing: give a name or a NAIF number");
   std::int32_t number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error == std::errc() && end == text.data() + text.size()) return BodyId{number};

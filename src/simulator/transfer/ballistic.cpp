@@ -152,6 +152,9 @@ Result<BallisticDesign> design_ballistic(const Ephemeris& ephemeris, BodyId from
                 "a transfer of {0} d has no cruise left after {1} d at its beginning and {2} d at its end",
                 {duration.days(), settings.coast_in.days(), settings.coast_out.days()});
   }
+  if (from == to || from == body::sun || to == body::sun)
+    return fail(ErrorCode::invalid_argument, "a transfer leads from one planet to another, not from {0} to {1}",
+                {static_cast<double>(from.value), static_cast<double>(to.value)});
   const auto from_constants = body_constants(from);
   if (!from_constants) return forward(from_constants);
   const auto sun_constants = body_constants(body::sun);

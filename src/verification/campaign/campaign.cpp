@@ -214,6 +214,8 @@ Result<Outcome> run(const scenario::Draft& draft, const Options& options, const 
       tell(seed);
     }
   };
+  if (progress && !wanted.empty())
+    progress(static_cast<double>(done) / static_cast<double>(wanted.size()), fmt::format("{} samples", wanted.size()));
   std::vector<std::thread> threads;
   const std::size_t workers = std::min(static_cast<std::size_t>(options.jobs), missing.size());
   for (std::size_t i = 1; i < workers; ++i) threads.emplace_back(work);
