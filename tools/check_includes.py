@@ -51,7 +51,7 @@ MAY_INCLUDE = {
     "cli": FOUNDATION + MODELS + SIMULATOR + ONBOARD + VERIFICATION,
 }
 
-# Third-party header -> the folders that may see it. Tests may include more.
+# Third-party header -> the folders that may see it. Tests (*_test.cpp, *_for_tests.h) may include more.
 PRIVATE_HEADERS = [
     (r"(fitsio|png|tiffio|tiff|jpeglib)\.h$", [F + "raster"]),
     (r"toml\+\+", ["verification/scenario", M + "camera_file"]),
@@ -70,7 +70,7 @@ INCLUDE = re.compile(r'^\s*#\s*include\s+(?:"([^"]+)"|<([^>]+)>)')
 
 def breaches_of(folder, path, text):
     """Yields (line, sentence) for each breach in one file's text."""
-    test = path.endswith("_test.cpp")
+    test = path.endswith(("_test.cpp", "_for_tests.h"))
     for number, line in enumerate(text.splitlines(), 1):
         match = INCLUDE.match(line)
         if not match:
@@ -78,6 +78,9 @@ def breaches_of(folder, path, text):
         quoted, angled = match.groups()
         if quoted:
             target = str(Path(quoted).parent)
+            if quoted.endswith("_for_tests.h") and not test:
+                yield number, f'"{quoted}" is for tests only'
+                continue
             if target == folder or (test and target == "support"):
                 continue
             if not (ROOT / quoted).exists():
@@ -126,6 +129,12 @@ def self_test():
     for folder, line, expected in cases:
         found = [s for _, s in breaches_of(folder, "x.cpp", line)]
         assert any(expected in s for s in found), f"{folder}: {line} was let through"
+    # Tests, and the headers that only they include, may read files and see any library; over the wall they never reach.
+    for name in ("x_test.cpp", "x_for_tests.h"):
+        assert not list(breaches_of("onboard/vision", name, '#include "foundation/files/mapped_file.h"\n#include <fstream>'))
+        assert list(breaches_of("onboard/vision", name, '#include "simulator/sky/sky.h"')), f"{name}: the wall was open"
+    assert list(breaches_of("onboard/navigation", "x.cpp", '#include "onboard/navigation/arc_for_tests.h"'))
+    assert not list(breaches_of("onboard/navigation", "x_test.cpp", '#include "onboard/navigation/arc_for_tests.h"'))
     assert not list(breaches_of("onboard/vision", "x.cpp", '#include "models/camera/camera.h"\n#include <cmath>'))
 
 

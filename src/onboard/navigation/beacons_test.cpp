@@ -5,7 +5,7 @@
 #include <string>
 
 #include "models/photometry/photometry.h"
-#include "onboard/navigation/test_arc.h"
+#include "onboard/navigation/arc_for_tests.h"
 
 namespace astronav::navigation {
 namespace {

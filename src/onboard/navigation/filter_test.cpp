@@ -7,7 +7,7 @@
 #include <new>
 
 #include "foundation/math/statistics.h"
-#include "onboard/navigation/test_arc.h"
+#include "onboard/navigation/arc_for_tests.h"
 
 namespace {
 std::atomic<long> allocations{0};

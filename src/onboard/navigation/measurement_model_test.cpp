@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/navigation/measurement_model.h"
 
-#include "onboard/navigation/test_arc.h"
+#include "onboard/navigation/arc_for_tests.h"
 
 namespace astronav::navigation {
 namespace {

@@ -4,7 +4,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
-#include "onboard/navigation/test_arc.h"
+#include "onboard/navigation/arc_for_tests.h"
 
 namespace astronav::navigation {
 namespace {
