@@ -8,6 +8,7 @@
 
 #include "cli/command.h"
 #include "cli/commands.h"
+#include "cli/mission_inputs.h"
 #include "cli/validators.h"
 #include "onboard/executive/timeline.h"
 #include "onboard/navigation/beacons.h"
@@ -122,12 +123,8 @@ void print_plot(const std::vector<Cycle>& cycles) {
 }
 
 Result<int> run(const Options& options) {
-  auto draft = scenario::Draft::read(options.scenario);
+  const auto draft = read_draft(options.scenario, options.set);
   if (!draft) return forward(draft);
-  for (const std::string& text : options.set) {
-    const auto done = draft->set(text);
-    if (!done) return forward(done);
-  }
   const auto scenario = draft->resolve(options.seed);
   if (!scenario) return forward(scenario);
   const auto camera = scenario::onboard_camera(*scenario);

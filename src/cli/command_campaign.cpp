@@ -56,15 +56,6 @@ Result<int> finish(const Options& options, const campaign::Outcome& outcome, con
   return 0;
 }
 
-Result<scenario::Draft> read_draft(const Options& options) {
-  auto draft = scenario::Draft::read(options.scenario);
-  for (const std::string& assignment : options.set) {
-    if (!draft) break;
-    if (auto ok = draft->set(assignment); !ok) return forward(ok);
-  }
-  return draft;
-}
-
 Result<campaign::Options> campaign_options(const Options& options, const std::string& name) {
   const auto shard = campaign::parse_shard(options.shard);
   if (!shard) return forward(shard);
@@ -79,44 +70,58 @@ Result<campaign::Options> campaign_options(const Options& options, const std::st
   return out;
 }
 
+// What flying a campaign and writing its job script need alike.
+struct Plan {
+  loop::Level level;
+  scenario::Draft draft;
+  scenario::Scenario first;  // of the first seed
+  campaign::Options settings;
+};
+
+Result<Plan> read_plan(const Options& options) {
+  const auto level = parse_level(options.level);
+  if (!level) return forward(level);
+  auto draft = read_draft(options.scenario, options.set);
+  if (!draft) return forward(draft);
+  auto first = draft->resolve(options.seed);
+  if (!first) return forward(first);
+  auto settings = campaign_options(options, first->mission.name);
+  if (!settings) return forward(settings);
+  return Plan{*level, std::move(*draft), std::move(*first), std::move(*settings)};
+}
+
 Result<int> fly(const Options& options) {
   if (options.scenario.empty()) {
     return fail(ErrorCode::invalid_argument, "which scenario? A TOML file or a name in scenarios/, like earth-mars-ballistic", {}, "campaign");
   }
-  const auto level = parse_level(options.level);
-  if (!level) return forward(level);
-  const auto draft = read_draft(options);
-  if (!draft) return forward(draft);
-  const auto first = draft->resolve(options.seed);
-  if (!first) return forward(first);
-  const auto settings = campaign_options(options, first->mission.name);
-  if (!settings) return forward(settings);
+  const auto plan = read_plan(options);
+  if (!plan) return forward(plan);
   // What no sample could fly with is bad input, and is said before the first of them.
-  const auto world = loop::World::create(*first, options.seed, 0);
+  const auto world = loop::World::create(plan->first, options.seed, 0);
   if (!world) return forward(world);
-  const auto camera = scenario::onboard_camera(*first);
+  const auto camera = scenario::onboard_camera(plan->first);
   if (!camera) return forward(camera);
 
-  ProgressBar bar(fmt::format("campaign {}, {}", first->mission.name, options.level));
+  ProgressBar bar(fmt::format("campaign {}, {}", plan->first.mission.name, options.level));
   const auto outcome = campaign::run(
-      *draft, *settings,
+      plan->draft, plan->settings,
       [&](const scenario::Scenario& scenario, std::uint64_t seed, std::uint64_t sample) {
-        return loop::fly(scenario, {.level = *level, .seed = seed, .sample = sample, .keep_frames = 0, .progress = {}});
+        return loop::fly(scenario, {.level = plan->level, .seed = seed, .sample = sample, .keep_frames = 0, .progress = {}});
       },
       [&bar](double done, std::string_view note) { bar.update(done, note); });
   bar.finish();
   if (!outcome) return forward(outcome);
-  if (settings->shard.count > 1) {
+  if (plan->settings.shard.count > 1) {
     // The figures of all shards come with the merge.
     const auto flown = std::count_if(outcome->samples.begin(), outcome->samples.end(), [](const campaign::Sample& s) { return s.flown(); });
     if (options.json) {
-      fmt::print("{}\n", nlohmann::ordered_json{{"shard", options.shard}, {"flown", flown}, {"out", settings->out.string()}}.dump());
+      fmt::print("{}\n", nlohmann::ordered_json{{"shard", options.shard}, {"flown", flown}, {"out", plan->settings.out.string()}}.dump());
     } else {
-      fmt::print("Shard {}: {} samples flown. When all shards are done: astronav campaign merge {}\n", options.shard, flown, settings->out.string());
+      fmt::print("Shard {}: {} samples flown. When all shards are done: astronav campaign merge {}\n", options.shard, flown, plan->settings.out.string());
     }
     return 0;
   }
-  return finish(options, *outcome, settings->out);
+  return finish(options, *outcome, plan->settings.out);
 }
 
 Result<int> merge(const Options& options) {
@@ -129,16 +134,9 @@ Result<int> merge(const Options& options) {
 }
 
 Result<int> slurm(const Options& options) {
-  const auto level = parse_level(options.level);
-  if (!level) return forward(level);
-  if (options.shards < 1) return fail(ErrorCode::invalid_argument, "{0} shards: at least 1 is needed", {static_cast<double>(options.shards)}, "--shards");
-  const auto draft = read_draft(options);
-  if (!draft) return forward(draft);
-  const auto first = draft->resolve(options.seed);
-  if (!first) return forward(first);
-  const auto settings = campaign_options(options, first->mission.name);
-  if (!settings) return forward(settings);
-  fmt::print("{}", campaign::slurm_script(options.scenario, *settings, options.shards));
+  const auto plan = read_plan(options);
+  if (!plan) return forward(plan);
+  fmt::print("{}", campaign::slurm_script(options.scenario, plan->settings, options.shards));
   return 0;
 }
 

@@ -33,21 +33,6 @@ struct Options {
   bool json = false;
 };
 
-struct OpenCatalogue {
-  MappedFile file;
-  StarCatalogue stars;
-};
-
-Result<OpenCatalogue> open_catalogue(const std::string& path) {
-  const std::filesystem::path chosen =
-      path.empty() ? home_directory() / "data/hipparcos.stars" : std::filesystem::path(path);
-  auto file = MappedFile::open(chosen);
-  if (!file) return forward(file, chosen.string());
-  auto stars = StarCatalogue::open(file->bytes());
-  if (!stars) return forward(stars, chosen.string());
-  return OpenCatalogue{std::move(*file), *stars};
-}
-
 Json number_or_null(double v) {
   return std::isnan(v) ? Json(nullptr) : Json(v);
 }

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/answers.h"
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
@@ -129,15 +130,6 @@ Result<Answer> answer(const Ephemeris& ephemeris, const Question& question, Epoc
   return out;
 }
 
-std::string title(BodyId id) {
-  const std::string_view known = body_name(id);
-  return known.empty() ? fmt::format("{}", id.value) : std::string(known);
-}
-
-Json xyz(const Vec3& v) {
-  return {{"x", v.x()}, {"y", v.y()}, {"z", v.z()}};
-}
-
 Json optional_number(const std::optional<double>& v, double unit = 1.0) {
   return v ? Json(*v / unit) : Json(nullptr);
 }
@@ -149,8 +141,8 @@ void print_json(const Question& question, const std::string& correction, const A
   out["epoch_tdb"] = a.epoch.iso(TimeScale::tdb, 6, false);
   out["epoch_utc"] = a.epoch.iso(TimeScale::utc, 6, false);
   out["correction"] = correction;
-  out["position_km"] = xyz(a.relative.p_m / 1e3);
-  out["velocity_km_s"] = xyz(a.relative.v_m_s / 1e3);
+  out["position_km"] = xyz(a.relative.p_m, 1e3);
+  out["velocity_km_s"] = xyz(a.relative.v_m_s, 1e3);
   out["distance_km"] = a.relative.p_m.norm() / 1e3;
   out["ra_deg"] = a.place.ra_rad / kDegree;
   out["dec_deg"] = a.place.dec_rad / kDegree;

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/answers.h"
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
@@ -80,8 +81,6 @@ std::vector<FitsCard> header(const Shot& shot, const Options& options) {
   return cards;
 }
 
-Json xyz(const Vec3& v) { return {{"x", v.x()}, {"y", v.y()}, {"z", v.z()}}; }
-
 Json truth(const Shot& shot, const Options& options) {
   const Quaternion q_NC = to_quaternion(shot.R_CN.transpose());
   const Pointing pointing = pointing_from_R_CN(shot.R_CN);
@@ -95,8 +94,8 @@ Json truth(const Shot& shot, const Options& options) {
   out["dec_deg"] = pointing.dec_rad / kDegree;
   out["roll_deg"] = pointing.roll_rad / kDegree;
   out["q_NC"] = {{"w", q_NC.w}, {"x", q_NC.x}, {"y", q_NC.y}, {"z", q_NC.z}};
-  out["observer"] = {{"position_km", xyz(shot.observer_O.p_m / 1e3)},
-                     {"velocity_km_s", xyz(shot.observer_O.v_m_s / 1e3)}};
+  out["observer"] = {{"position_km", xyz(shot.observer_O.p_m, 1e3)},
+                     {"velocity_km_s", xyz(shot.observer_O.v_m_s, 1e3)}};
   Json sources = Json::array();
   for (const render::RenderedSource& s : shot.sources) {
     if (!on_detector(shot.camera.intrinsics, s.pixel)) continue;
@@ -168,12 +167,8 @@ Result<int> run(const Options& options) {
   if (!observer) return forward(observer, "--observer");
   const auto state = (*observer)(*epoch);
   if (!state) return forward(state, "--observer");
-  const std::filesystem::path catalogue_path =
-      options.catalogue.empty() ? home_directory() / "data" / "hipparcos.stars" : std::filesystem::path(options.catalogue);
-  const auto catalogue_file = MappedFile::open(catalogue_path);
-  if (!catalogue_file) return forward(catalogue_file);
-  const auto catalogue = StarCatalogue::open(catalogue_file->bytes());
-  if (!catalogue) return forward(catalogue, catalogue_path.string());
+  const auto catalogue = open_catalogue(options.catalogue);
+  if (!catalogue) return forward(catalogue);
 
   Shot shot;
   shot.camera = std::move(*camera);
@@ -189,7 +184,7 @@ Result<int> run(const Options& options) {
   const double margin_px = 20.0;
   const double radius_rad =
       shot.camera.intrinsics.half_diagonal_rad() + 2.0 * margin_px * shot.camera.intrinsics.plate_scale_rad_px();
-  const auto seen = sky::Sky((*kernels)->ephemeris, *catalogue)
+  const auto seen = sky::Sky((*kernels)->ephemeris, catalogue->stars)
                         .look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), radius_rad,
                               BandPhotometry(shot.camera), settings);
   if (!seen) return forward(seen);

@@ -58,11 +58,8 @@ Result<int> print_schema(const Options& options) {
 
 Result<int> run(const Options& options) {
   if (!options.schema.empty()) return print_schema(options);
-  auto draft = scenario::Draft::read(options.scenario);
+  const auto draft = read_draft(options.scenario, options.set);
   if (!draft) return forward(draft);
-  for (const std::string& assignment : options.set) {
-    if (auto ok = draft->set(assignment); !ok) return forward(ok);
-  }
   const std::string level_name = !options.level.empty() ? options.level : !draft->level().empty() ? draft->level() : "sil";
   const auto level = parse_level(level_name);
   if (!level) return forward(level);

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/answers.h"
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
@@ -50,15 +51,6 @@ struct DesignOptions {
   std::vector<std::string> kernels;
   bool json = false;
 };
-
-std::string title(BodyId id) {
-  const std::string_view known = body_name(id);
-  return known.empty() ? fmt::format("{}", id.value) : std::string(known);
-}
-
-Json xyz_km(const Vec3& v) {
-  return {{"x", v.x() * 1e-3}, {"y", v.y() * 1e-3}, {"z", v.z() * 1e-3}};
-}
 
 enum class Kind { spk, oem };
 
@@ -309,8 +301,8 @@ Result<int> run_design(const DesignOptions& options) {
                             {"iterations", design->iterations},
                             {"begin_tdb", tdb(design->begin)},
                             {"end_tdb", tdb(design->end)},
-                            {"position_km", xyz_km(design->initial.p_m)},
-                            {"velocity_km_s", xyz_km(design->initial.v_m_s)},
+                            {"position_km", xyz(design->initial.p_m, 1e3)},
+                            {"velocity_km_s", xyz(design->initial.v_m_s, 1e3)},
                             {"out", options.out.empty() ? Json(nullptr) : Json(options.out)}}
                            .dump());
     return 0;

@@ -118,6 +118,16 @@ Result<std::shared_ptr<const Kernels>> open_kernels(std::span<const std::string>
   return kernels;
 }
 
+Result<OpenCatalogue> open_catalogue(const std::string& path) {
+  const std::filesystem::path chosen =
+      path.empty() ? home_directory() / "data/hipparcos.stars" : std::filesystem::path(path);
+  auto file = MappedFile::open(chosen);
+  if (!file) return forward(file, chosen.string());
+  auto stars = StarCatalogue::open(file->bytes());
+  if (!stars) return forward(stars, chosen.string());
+  return OpenCatalogue{std::move(*file), *stars};
+}
+
 Result<Observer> parse_observer(std::string_view text, std::shared_ptr<const Kernels> kernels) {
   text = trimmed(text);
   const auto rest_after = [&](std::string_view prefix) { return text.substr(prefix.size()); };

@@ -14,6 +14,7 @@
 #include "foundation/math/rotation.h"
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/stars/catalogue.h"
 
 namespace astronav::cli {
 
@@ -25,6 +26,14 @@ struct Kernels {
 // The files named (later ones take precedence), or the one that ships with the program where none is named. An error
 // carries the path.
 Result<std::shared_ptr<const Kernels>> open_kernels(std::span<const std::string> paths = {});
+
+// A star catalogue mapped into memory; the stars live as long as the file.
+struct OpenCatalogue {
+  MappedFile file;
+  StarCatalogue stars;
+};
+// The file named, or the one that ships with the program where the path is empty. An error carries the path.
+Result<OpenCatalogue> open_catalogue(const std::string& path);
 
 // Barycentric state of an observer at an epoch (N, metres).
 using Observer = std::function<Result<State>(Epoch)>;

@@ -12,6 +12,15 @@ Result<loop::Level> parse_level(std::string_view text) {
   return fail(ErrorCode::invalid_argument, "\"{s}\" is not a level: mil or sil", {}, "--level", text);
 }
 
+Result<scenario::Draft> read_draft(const std::string& scenario, const std::vector<std::string>& assignments) {
+  auto draft = scenario::Draft::read(scenario);
+  if (!draft) return draft;
+  for (const std::string& assignment : assignments) {
+    if (auto ok = draft->set(assignment); !ok) return forward(ok);
+  }
+  return draft;
+}
+
 std::string folder_name(std::string_view mission) {
   std::string out;
   for (const char c : mission) {

@@ -473,20 +473,6 @@ std::string center_name(BodyId id) {
   return name;
 }
 
-std::string scale_name(TimeScale scale) {
-  switch (scale) {
-    case TimeScale::utc:
-      return "UTC";
-    case TimeScale::tai:
-      return "TAI";
-    case TimeScale::tt:
-      return "TT";
-    case TimeScale::tdb:
-      return "TDB";
-  }
-  return {};
-}
-
 }  // namespace
 
 Result<Oem> parse_oem(std::string_view text, std::string_view name_for_errors) {
@@ -505,7 +491,7 @@ std::string to_text(const Oem& oem) {
                  oem.creation_date.empty() ? oem.epochs.front().iso(TimeScale::utc, 0, false) : oem.creation_date,
                  oem.originator);
   fmt::format_to(out, "OBJECT_NAME = {}\nOBJECT_ID = {}\nCENTER_NAME = {}\nREF_FRAME = ICRF\nTIME_SYSTEM = {}\n",
-                 oem.object_name, oem.object_id, center_name(oem.center), scale_name(oem.scale));
+                 oem.object_name, oem.object_id, center_name(oem.center), name(oem.scale));
   fmt::format_to(out, "START_TIME = {}\n", iso(oem.epochs.front()));
   if (oem.useable_begin) fmt::format_to(out, "USEABLE_START_TIME = {}\n", iso(*oem.useable_begin));
   if (oem.useable_end) fmt::format_to(out, "USEABLE_STOP_TIME = {}\n", iso(*oem.useable_end));

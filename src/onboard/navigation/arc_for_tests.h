@@ -13,20 +13,16 @@
 #include <string>
 #include <vector>
 
-#include "foundation/files/mapped_file.h"
 #include "foundation/math/random.h"
 #include "foundation/math/rotation.h"
 #include "models/aberration/aberration.h"
 #include "models/ephemeris/ephemeris.h"
 #include "onboard/navigation/filter.h"
+#include "support/shipped_ephemeris.h"
 
 namespace astronav::navigation::testing {
 
-inline const Ephemeris& kernel() {
-  static const Result<MappedFile> file = MappedFile::open(home_directory() / "data/de405_2000_2050.bsp");
-  static const Result<Ephemeris> ephemeris = Ephemeris::open(file.value().bytes());
-  return ephemeris.value();
-}
+inline const Ephemeris& kernel() { return astronav::testing::shipped_ephemeris(); }
 
 inline State barycentric(BodyId body, Epoch epoch) {
   return kernel().state(body, body::solar_system_barycenter, epoch).value();

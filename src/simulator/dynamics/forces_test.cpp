@@ -6,20 +6,13 @@
 
 #include <gtest/gtest.h>
 
-#include "foundation/files/mapped_file.h"
 #include "foundation/math/statistics.h"
+#include "support/shipped_ephemeris.h"
 
 namespace astronav::dynamics {
 namespace {
 
-struct Kernel {
-  MappedFile file = MappedFile::open(home_directory() / "data/de405_2000_2050.bsp").value();
-  Ephemeris ephemeris = Ephemeris::open(file.bytes()).value();
-};
-const Ephemeris& ephemeris() {
-  static const Kernel kernel;
-  return kernel.ephemeris;
-}
+const Ephemeris& ephemeris() { return testing::shipped_ephemeris(); }
 Epoch when() {
   return Epoch::parse("2027-03-01T00:00:00 TDB").value();
 }

@@ -7,19 +7,13 @@
 
 #include <gtest/gtest.h>
 
-#include "foundation/files/mapped_file.h"
+
+#include "support/shipped_ephemeris.h"
 
 namespace astronav::trajectory {
 namespace {
 
-struct Kernel {
-  MappedFile file = MappedFile::open(home_directory() / "data/de405_2000_2050.bsp").value();
-  Ephemeris ephemeris = Ephemeris::open(file.bytes()).value();
-};
-const Ephemeris& ephemeris() {
-  static const Kernel kernel;
-  return kernel.ephemeris;
-}
+const Ephemeris& ephemeris() { return testing::shipped_ephemeris(); }
 Epoch day(double d) {
   return Epoch::parse("2027-01-01T00:00:00 TDB").value() + Duration::days(d);
 }

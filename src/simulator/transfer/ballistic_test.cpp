@@ -6,19 +6,13 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "foundation/files/mapped_file.h"
+
+#include "support/shipped_ephemeris.h"
 
 namespace astronav::transfer {
 namespace {
 
-struct Kernel {
-  MappedFile file = MappedFile::open(home_directory() / "data/de405_2000_2050.bsp").value();
-  Ephemeris ephemeris = Ephemeris::open(file.bytes()).value();
-};
-const Ephemeris& ephemeris() {
-  static const Kernel kernel;
-  return kernel.ephemeris;
-}
+const Ephemeris& ephemeris() { return testing::shipped_ephemeris(); }
 Epoch date(const char* text) {
   return Epoch::parse(text, TimeScale::tdb).value();
 }

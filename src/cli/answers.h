@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// How several commands say the same things.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "foundation/math/linear.h"
+#include "models/ephemeris/bodies.h"
+
+namespace astronav::cli {
+
+// The body's name, or its NAIF number where it has none.
+inline std::string title(BodyId id) {
+  const std::string_view known = body_name(id);
+  return known.empty() ? std::to_string(id.value) : std::string(known);
+}
+
+// {x, y, z}, in the unit that is `unit` in SI: xyz(p_m, 1e3) gives km.
+inline nlohmann::ordered_json xyz(const Vec3& v, double unit) {
+  return {{"x", v.x() / unit}, {"y", v.y() / unit}, {"z", v.z() / unit}};
+}
+
+}  // namespace astronav::cli
