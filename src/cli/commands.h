@@ -17,7 +17,8 @@ void add_centroids(CLI::App& app, Invocation& invocation);
 void add_trajectory(CLI::App& app, Invocation& invocation);
 void add_catalog(CLI::App& app, Invocation& invocation);
 void add_beacons(CLI::App& app, Invocation& invocation);
+void add_bench(CLI::App& app, Invocation& invocation);
 
-inline constexpr std::array kCommands{&add_run, &add_campaign, &add_ephemeris, &add_render, &add_solve, &add_centroids, &add_trajectory, &add_catalog, &add_beacons};
+inline constexpr std::array kCommands{&add_run, &add_campaign, &add_ephemeris, &add_render, &add_solve, &add_centroids, &add_trajectory, &add_catalog, &add_beacons, &add_bench};
 
 }  // namespace astronav::cli
