@@ -10,6 +10,10 @@ add_library(astronav_options INTERFACE)
 target_include_directories(astronav_options INTERFACE ${PROJECT_SOURCE_DIR}/src)
 target_compile_options(astronav_options INTERFACE -Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion
                                                   -Wnon-virtual-dtor -Woverloaded-virtual -fno-math-errno -fno-trapping-math)
+if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+  # GCC 12 sees uninitialised values inside its own AVX headers (GCC bug 105593).
+  target_compile_options(astronav_options INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized)
+endif()
 if(ASTRONAV_NATIVE)
   target_compile_options(astronav_options INTERFACE -march=native)
 endif()

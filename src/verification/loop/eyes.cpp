@@ -26,11 +26,29 @@ constexpr double kFalsePlanetPx = 3.0;
 constexpr double kWrongAttitudeRad = 60.0 * kArcsecond;
 constexpr double kWrongAttitudeSigma = 5.0;
 
+// Axes that hang on pixels: z through the image's centre, x towards its right, in camera axes C (columns).
+Result<Mat3> pixel_axes(const Intrinsics& camera) {
+  const Pixel middle{0.5 * (camera.width_px - 1), 0.5 * (camera.height_px - 1)};
+  const auto z = unproject(camera, middle);
+  const auto right = unproject(camera, {middle.u + 0.25 * camera.width_px, middle.v});
+  if (!z) return forward(z, "camera");
+  if (!right) return forward(right, "camera");
+  const Vec3 y = z->cross(*right).normalized();
+  Mat3 axes;
+  axes << y.cross(*z), y, *z;
+  return axes;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& world, const Camera& believed,
                                            Epoch epoch) {
   std::unique_ptr<Eyes> eyes(new Eyes(world));
+  const auto true_axes = pixel_axes(world.camera().intrinsics);
+  if (!true_axes) return forward(true_axes);
+  const auto believed_axes = pixel_axes(believed.intrinsics);
+  if (!believed_axes) return forward(believed_axes);
+  eyes->R_believed_true_ = *believed_axes * true_axes->transpose();
   const scenario::OnboardVision& belief = s.onboard.vision;
   const double fov_h = believed.intrinsics.field_of_view_horizontal_rad();
   const double fov_v = believed.intrinsics.field_of_view_vertical_rad();
@@ -81,8 +99,9 @@ void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, Bo
   event.spots = static_cast<int>(seen.centroids.size());
   event.attitude_found = seen.source != vision::AttitudeSource::none;
   if (event.attitude_found) {
-    // R_CN_true = exp(-[theta]x) R_CN_found.
-    event.attitude_error_rad = -rotation_log(R_CN * seen.attitude.R_CN.transpose());
+    // R_CN_true = exp(-[theta]x) R_CN_found, both in the axes of the believed camera: a principal point that is not where
+    // it is believed turns the axes, not the picture.
+    event.attitude_error_rad = -rotation_log(R_believed_true_ * R_CN * seen.attitude.R_CN.transpose());
     event.attitude_sigma_rad = seen.attitude.covariance_rad2.diagonal().cwiseSqrt();
     const double worst = event.attitude_error_rad.cwiseQuotient(event.attitude_sigma_rad).cwiseAbs().maxCoeff();
     event.attitude_wrong = event.attitude_error_rad.norm() > kWrongAttitudeRad && worst > kWrongAttitudeSigma;
