@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // One frame with all noise, on one core: 150 stars and a saturated planet in 20 degrees.
-#include <benchmark/benchmark.h>
-
 #include <cmath>
+
+#include <benchmark/benchmark.h>
 
 #include "models/camera_file/camera_file.h"
 #include "simulator/render/renderer.h"

@@ -2,8 +2,9 @@
 // How several commands say the same things.
 #pragma once
 
-#include <nlohmann/json.hpp>
 #include <string>
+
+#include <nlohmann/json.hpp>
 
 #include "foundation/math/linear.h"
 #include "models/ephemeris/bodies.h"

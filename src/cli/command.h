@@ -11,12 +11,13 @@
 //
 // The action returns Result<int>: an exit status (0; 3 for "ran, but no result"), or an Error, which main prints as one
 // line "astronav: <sentence>" on standard error and maps to its exit status. With --json one JSON object a line goes to
-// standard output and nothing else does; people's text and progress go to standard error... without --json the answer for
-// people goes to standard output.
+// standard output and nothing else does; people's text and progress go to standard error... without --json the answer
+// for people goes to standard output.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <functional>
+
+#include <CLI/CLI.hpp>
 
 #include "foundation/base/error.h"
 

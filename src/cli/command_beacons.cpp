@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fmt/format.h>
-
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "cli/command.h"
 #include "cli/commands.h"
@@ -43,12 +43,18 @@ char symbol(const BeaconCandidate& c, const BeaconPair* best) {
   if (best && c.body == best->first) return '1';
   if (best && c.body == best->second) return '2';
   switch (c.verdict) {
-    case BeaconVerdict::usable: return 'o';
-    case BeaconVerdict::sun_exclusion: return 's';
-    case BeaconVerdict::too_faint: return 'f';
-    case BeaconVerdict::too_large: return 'l';
-    case BeaconVerdict::blended: return 'c';
-    case BeaconVerdict::no_ephemeris: return '?';
+    case BeaconVerdict::usable:
+      return 'o';
+    case BeaconVerdict::sun_exclusion:
+      return 's';
+    case BeaconVerdict::too_faint:
+      return 'f';
+    case BeaconVerdict::too_large:
+      return 'l';
+    case BeaconVerdict::blended:
+      return 'c';
+    case BeaconVerdict::no_ephemeris:
+      return '?';
   }
   return ' ';
 }
@@ -57,12 +63,16 @@ char symbol(const BeaconCandidate& c, const BeaconPair* best) {
 std::string reason(const BeaconCandidate& c) {
   const std::string text = fmt::format("{}: {}", body_name(c.body), navigation::name(c.verdict));
   switch (c.verdict) {
-    case BeaconVerdict::sun_exclusion: return fmt::format("{} ({:.1f} deg)", text, c.sun_elongation_rad / kDegree);
-    case BeaconVerdict::too_faint: return fmt::format("{} (V {:.1f})", text, c.v_magnitude);
-    case BeaconVerdict::too_large: return fmt::format("{} ({:.0f} arcsec)", text, c.angular_diameter_rad / kArcsecond);
+    case BeaconVerdict::sun_exclusion:
+      return fmt::format("{} ({:.1f} deg)", text, c.sun_elongation_rad / kDegree);
+    case BeaconVerdict::too_faint:
+      return fmt::format("{} (V {:.1f})", text, c.v_magnitude);
+    case BeaconVerdict::too_large:
+      return fmt::format("{} ({:.0f} arcsec)", text, c.angular_diameter_rad / kArcsecond);
     case BeaconVerdict::blended:
       return fmt::format("{} ({}, {:.0f} arcsec)", text, body_name(c.nearest), c.nearest_rad / kArcsecond);
-    default: return text;
+    default:
+      return text;
   }
 }
 
@@ -113,7 +123,8 @@ void print_table(const std::vector<Cycle>& cycles) {
 }
 
 void print_plot(const std::vector<Cycle>& cycles) {
-  fmt::print("\nOne column a cycle: 1 2 tracked, o usable, s near the Sun, f faint, l large, c close to another body\n");
+  fmt::print(
+      "\nOne column a cycle: 1 2 tracked, o usable, s near the Sun, f faint, l large, c close to another body\n");
   const auto& first = cycles.front().selection;
   for (int row = 0; row < first.candidate_count; ++row) {
     std::string line;
@@ -168,8 +179,11 @@ void add_beacons(CLI::App& app, Invocation& invocation) {
   CLI::App* sub = app.add_subcommand("beacons", "which planets to track when, and why");
   sub->footer("Example:\n  astronav beacons earth-mars-ballistic --set conops.sun_exclusion_deg=20");
   sub->add_option("scenario", options->scenario, "TOML file, or the name of one in scenarios/")->capture_default_str();
-  sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")->allow_extra_args(false);
-  sub->add_option("--seed", options->seed, "for scenarios with distributions")->check(seed_number())->capture_default_str();
+  sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")
+      ->allow_extra_args(false);
+  sub->add_option("--seed", options->seed, "for scenarios with distributions")
+      ->check(seed_number())
+      ->capture_default_str();
   sub->add_flag("--json", options->json, "one JSON object a navigation cycle");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });
 }

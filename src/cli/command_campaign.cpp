@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 #include <vector>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "cli/command.h"
 #include "cli/commands.h"
@@ -51,7 +51,8 @@ Result<int> finish(const Options& options, const campaign::Outcome& outcome, con
     line["report"] = report.string();
     fmt::print("{}\n", line.dump());
   } else {
-    fmt::print("\n{}\nReport: {}\n", campaign::to_text(outcome, *statistics), std::filesystem::absolute(report).string());
+    fmt::print("\n{}\nReport: {}\n", campaign::to_text(outcome, *statistics),
+               std::filesystem::absolute(report).string());
   }
   return 0;
 }
@@ -66,7 +67,9 @@ Result<campaign::Options> campaign_options(const Options& options, const std::st
   out.first_seed = options.seed;
   out.level = options.level;
   out.version = ASTRONAV_VERSION;
-  out.out = options.out.empty() ? std::filesystem::path("runs") / fmt::format("campaign-{}-{}", folder_name(name), options.level) : std::filesystem::path(options.out);
+  out.out = options.out.empty()
+                ? std::filesystem::path("runs") / fmt::format("campaign-{}-{}", folder_name(name), options.level)
+                : std::filesystem::path(options.out);
   return out;
 }
 
@@ -92,7 +95,8 @@ Result<Plan> read_plan(const Options& options) {
 
 Result<int> fly(const Options& options) {
   if (options.scenario.empty()) {
-    return fail(ErrorCode::invalid_argument, "which scenario? A TOML file or a name in scenarios/, like earth-mars-ballistic", {}, "campaign");
+    return fail(ErrorCode::invalid_argument,
+                "which scenario? A TOML file or a name in scenarios/, like earth-mars-ballistic", {}, "campaign");
   }
   const auto plan = read_plan(options);
   if (!plan) return forward(plan);
@@ -106,18 +110,24 @@ Result<int> fly(const Options& options) {
   const auto outcome = campaign::run(
       plan->draft, plan->settings,
       [&](const scenario::Scenario& scenario, std::uint64_t seed, std::uint64_t sample) {
-        return loop::fly(scenario, {.level = plan->level, .seed = seed, .sample = sample, .keep_frames = 0, .progress = {}});
+        return loop::fly(scenario,
+                         {.level = plan->level, .seed = seed, .sample = sample, .keep_frames = 0, .progress = {}});
       },
       [&bar](double done, std::string_view note) { bar.update(done, note); });
   bar.finish();
   if (!outcome) return forward(outcome);
   if (plan->settings.shard.count > 1) {
     // The figures of all shards come with the merge.
-    const auto flown = std::count_if(outcome->samples.begin(), outcome->samples.end(), [](const campaign::Sample& s) { return s.flown(); });
+    const auto flown = std::count_if(outcome->samples.begin(), outcome->samples.end(),
+                                     [](const campaign::Sample& s) { return s.flown(); });
     if (options.json) {
-      fmt::print("{}\n", nlohmann::ordered_json{{"shard", options.shard}, {"flown", flown}, {"out", plan->settings.out.string()}}.dump());
+      fmt::print(
+          "{}\n",
+          nlohmann::ordered_json{{"shard", options.shard}, {"flown", flown}, {"out", plan->settings.out.string()}}
+              .dump());
     } else {
-      fmt::print("Shard {}: {} samples flown. When all shards are done: astronav campaign merge {}\n", options.shard, flown, plan->settings.out.string());
+      fmt::print("Shard {}: {} samples flown. When all shards are done: astronav campaign merge {}\n", options.shard,
+                 flown, plan->settings.out.string());
     }
     return 0;
   }
@@ -146,17 +156,22 @@ void add_campaign(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
   options->jobs = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   CLI::App* sub = app.add_subcommand("campaign", "flies a mission with many seeds and pools the figures");
-  sub->footer("A campaign that was stopped goes on where it was.\n\nExample:\n  astronav campaign earth-mars-ballistic --samples 100 --jobs 4 --out runs/hundred");
+  sub->footer(
+      "A campaign that was stopped goes on where it was.\n\nExample:\n  astronav campaign earth-mars-ballistic "
+      "--samples 100 --jobs 4 --out runs/hundred");
   const auto add_common = [options](CLI::App* to) {
     to->add_option("--level", options->level, "mil or sil")->capture_default_str();
-    to->add_option("--samples", options->samples, "how many; sample i has seed SEED + i")->check(number_within(1, 1e7))->capture_default_str();
+    to->add_option("--samples", options->samples, "how many; sample i has seed SEED + i")
+        ->check(number_within(1, 1e7))
+        ->capture_default_str();
     to->add_option("--seed", options->seed, "of the first sample")->check(seed_number())->capture_default_str();
     to->add_option("--jobs", options->jobs, "threads")->check(number_within(1, 1024))->capture_default_str();
     to->add_option("--out", options->out, "folder of the results; default runs/campaign-NAME-LEVEL");
   };
   sub->add_option("scenario", options->scenario, "TOML file, or a name in scenarios/");
   add_common(sub);
-  sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")->allow_extra_args(false);
+  sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")
+      ->allow_extra_args(false);
   sub->add_option("--shard", options->shard, "i/n: fly every n-th sample only, for many machines");
   sub->add_flag("--json", options->json, "the pooled summary as one JSON object on standard output");
   sub->callback([options, sub, &invocation] {
@@ -173,8 +188,12 @@ void add_campaign(CLI::App& app, Invocation& invocation) {
   CLI::App* slurm_sub = sub->add_subcommand("slurm", "writes a job script for Slurm to standard output");
   slurm_sub->add_option("scenario", options->scenario, "TOML file, or a name in scenarios/")->required();
   add_common(slurm_sub);
-  slurm_sub->add_option("--shards", options->shards, "array tasks")->check(number_within(1, 1e5))->capture_default_str();
-  slurm_sub->footer("Example:\n  astronav campaign slurm earth-mars-ballistic --samples 1000 --shards 20 --jobs 8 --out runs/thousand > job.sh");
+  slurm_sub->add_option("--shards", options->shards, "array tasks")
+      ->check(number_within(1, 1e5))
+      ->capture_default_str();
+  slurm_sub->footer(
+      "Example:\n  astronav campaign slurm earth-mars-ballistic --samples 1000 --shards 20 --jobs 8 --out "
+      "runs/thousand > job.sh");
   slurm_sub->callback([options, &invocation] { invocation.action = [options] { return slurm(*options); }; });
 }
 

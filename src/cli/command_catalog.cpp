@@ -190,7 +190,8 @@ void add_catalog(CLI::App& app, Invocation& invocation) {
   CLI::App* cone_sub = sub->add_subcommand("cone", "the stars around a direction, the brightest first");
   cone_sub->footer("Example:\n  astronav catalog cone 83.8,-5.4,3 --max-v 6 --json");
   cone_sub->add_option("cone", options->cone, "RA,DEC,RADIUS in degrees (ICRS)")->required();
-  cone_sub->add_option("--max-v", options->max_v, "faintest V magnitude (default: all)")->check(number_within(-30.0, 50.0));
+  cone_sub->add_option("--max-v", options->max_v, "faintest V magnitude (default: all)")
+      ->check(number_within(-30.0, 50.0));
   for (CLI::App* each : {info_sub, cone_sub}) {
     each->add_option("--catalog", options->catalogue, "star catalogue in place of Hipparcos");
   }

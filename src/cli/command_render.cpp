@@ -56,7 +56,6 @@ bool on_detector(const Intrinsics& c, Pixel p) {
   return p.u >= -0.5 && p.v >= -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
 }
 
-
 std::vector<FitsCard> header(const Shot& shot, const Options& options) {
   std::vector<FitsCard> cards = wcs_cards(shot.camera.intrinsics, shot.R_CN);
   const Detector& d = shot.camera.detector;
@@ -207,7 +206,8 @@ Result<int> run(const Options& options) {
 
 void add_render(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
-  CLI::App* sub = app.add_subcommand("render", "one image of the sky as a camera somewhere in the solar system takes it");
+  CLI::App* sub =
+      app.add_subcommand("render", "one image of the sky as a camera somewhere in the solar system takes it");
   sub->footer(
       "Example:\n  astronav render --epoch 2026-11-22 --pointing 83.8,-1.2,0 --out orion.fits --truth orion.json");
   sub->add_option("--camera", options->camera, "camera file, or the name of one in scenarios/cameras")
@@ -227,7 +227,8 @@ void add_render(CLI::App& app, Invocation& invocation) {
   sub->add_option("--catalog", options->catalogue, "star catalogue in place of Hipparcos");
   sub->add_flag("--no-noise", options->no_noise, "expected values: no shot or read noise, no fixed pattern");
   sub->add_flag("--no-aberration", options->no_aberration, "as if the observer were at rest");
-  sub->add_flag("--centre-of-figure", options->centre_of_figure, "planets shine from their centre, not from their lit side");
+  sub->add_flag("--centre-of-figure", options->centre_of_figure,
+                "planets shine from their centre, not from their lit side");
   sub->add_flag("--json", options->json, "one JSON object");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });
 }

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fmt/format.h>
-
 #include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "cli/command.h"
 #include "cli/commands.h"
@@ -39,7 +39,10 @@ Result<int> print_schema(const Options& options) {
   if (options.json) {
     const scenario::Scenario defaults;
     for (const scenario::Key& key : scenario::keys()) {
-      nlohmann::ordered_json line = {{"key", key.name}, {"unit", key.unit}, {"default", scenario::value_text(key, defaults)}, {"meaning", key.meaning}};
+      nlohmann::ordered_json line = {{"key", key.name},
+                                     {"unit", key.unit},
+                                     {"default", scenario::value_text(key, defaults)},
+                                     {"meaning", key.meaning}};
       if (key.is_number()) {
         line["min"] = key.min;
         line["max"] = key.max;
@@ -50,7 +53,8 @@ Result<int> print_schema(const Options& options) {
     return 0;
   }
   if (options.schema != "text" && options.schema != "markdown") {
-    return fail(ErrorCode::invalid_argument, "\"{s}\" is not a form of the schema: text or markdown", {}, "--schema", options.schema);
+    return fail(ErrorCode::invalid_argument, "\"{s}\" is not a form of the schema: text or markdown", {}, "--schema",
+                options.schema);
   }
   fmt::print("{}", options.schema == "markdown" ? scenario::schema_markdown() : scenario::schema_text());
   return 0;
@@ -60,7 +64,9 @@ Result<int> run(const Options& options) {
   if (!options.schema.empty()) return print_schema(options);
   const auto draft = read_draft(options.scenario, options.set);
   if (!draft) return forward(draft);
-  const std::string level_name = !options.level.empty() ? options.level : !draft->level().empty() ? draft->level() : "sil";
+  const std::string level_name = !options.level.empty()    ? options.level
+                                 : !draft->level().empty() ? draft->level()
+                                                           : "sil";
   const auto level = parse_level(level_name);
   if (!level) return forward(level);
   loop::FlyOptions fly;
@@ -70,7 +76,8 @@ Result<int> run(const Options& options) {
   const auto scenario = draft->resolve(fly.seed, fly.sample);
   if (!scenario) return forward(scenario);
   const std::filesystem::path out =
-      options.out.empty() ? std::filesystem::path("runs") / fmt::format("{}-{}-seed{}", folder_name(scenario->mission.name), level_name, fly.seed)
+      options.out.empty() ? std::filesystem::path("runs") /
+                                fmt::format("{}-{}-seed{}", folder_name(scenario->mission.name), level_name, fly.seed)
                           : std::filesystem::path(options.out);
   // Found out before the flight rather than after it.
   std::error_code error;
@@ -107,9 +114,12 @@ void add_run(CLI::App& app, Invocation& invocation) {
   sub->add_option("scenario", options->scenario, "TOML file, or a name in scenarios/")->capture_default_str();
   sub->add_option("--level", options->level, "mil (no images) or sil (rendered images); default sil");
   sub->add_option("--seed", options->seed, "of everything random; default 1")->check(seed_number());
-  sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")->allow_extra_args(false);
+  sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")
+      ->allow_extra_args(false);
   sub->add_option("--out", options->out, "folder of the results; default runs/NAME-LEVEL-seedN");
-  sub->add_option("--schema", options->schema, "print every key of a scenario, as text or markdown, and stop")->expected(0, 1)->default_str("text");
+  sub->add_option("--schema", options->schema, "print every key of a scenario, as text or markdown, and stop")
+      ->expected(0, 1)
+      ->default_str("text");
   sub->add_flag("--json", options->json, "the summary as one JSON object on standard output");
   sub->callback([options, sub, &invocation] {
     if (sub->count("--schema") > 0 && options->schema.empty()) options->schema = "text";

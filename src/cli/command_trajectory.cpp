@@ -353,11 +353,14 @@ void add_trajectory(CLI::App& app, Invocation& invocation) {
   auto design = std::make_shared<DesignOptions>();
   CLI::App* design_app = sub->add_subcommand("design", "a ballistic transfer between two planets under all forces");
   design_app->footer(
-      "Example:\n  astronav trajectory design --from earth --to mars --departure 2026-11-09 --days 300 --out cruise.oem");
+      "Example:\n  astronav trajectory design --from earth --to mars --departure 2026-11-09 --days 300 --out "
+      "cruise.oem");
   design_app->add_option("--from", design->from, "planet of departure")->capture_default_str();
   design_app->add_option("--to", design->to, "planet of arrival")->capture_default_str();
   design_app->add_option("--departure", design->departure, "ISO 8601 with scale (UTC if none)")->required();
-  design_app->add_option("--days", design->days, "from departure to arrival")->required()->check(number_within(1.0, 1e4));
+  design_app->add_option("--days", design->days, "from departure to arrival")
+      ->required()
+      ->check(number_within(1.0, 1e4));
   design_app
       ->add_option("--miss-km", design->miss_km,
                    "aim point's distance from the planet (default: a fifth of its sphere of influence)")

@@ -19,6 +19,7 @@ void add_catalog(CLI::App& app, Invocation& invocation);
 void add_beacons(CLI::App& app, Invocation& invocation);
 void add_bench(CLI::App& app, Invocation& invocation);
 
-inline constexpr std::array kCommands{&add_run, &add_campaign, &add_ephemeris, &add_render, &add_solve, &add_centroids, &add_trajectory, &add_catalog, &add_beacons, &add_bench};
+inline constexpr std::array kCommands{&add_run,       &add_campaign,   &add_ephemeris, &add_render,  &add_solve,
+                                      &add_centroids, &add_trajectory, &add_catalog,   &add_beacons, &add_bench};
 
 }  // namespace astronav::cli

@@ -86,7 +86,8 @@ Result<Observer> spk_observer(std::string_view text, const Kernels& kernels) {
 }
 
 Result<Observer> oem_observer(std::string_view path, std::shared_ptr<const Kernels> kernels) {
-  if (path.empty()) return fail(ErrorCode::invalid_argument, "'oem:' is not an observer: expected oem:FILE", {}, "--observer");
+  if (path.empty())
+    return fail(ErrorCode::invalid_argument, "'oem:' is not an observer: expected oem:FILE", {}, "--observer");
   const auto file = MappedFile::open(std::filesystem::path(path));
   if (!file) return forward(file, path);
   const auto oem = parse_oem(file->text(), path);

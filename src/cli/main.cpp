@@ -27,7 +27,8 @@ std::string say_parse_error(CLI::App& app, const CLI::ParseError& error, const s
   std::string path = "astronav";
   for (const std::string& word : arguments) {
     const std::vector<CLI::App*> below = command->get_subcommands([](CLI::App*) { return true; });
-    const auto known = std::find_if(below.begin(), below.end(), [&](CLI::App* each) { return each->get_name() == word; });
+    const auto known =
+        std::find_if(below.begin(), below.end(), [&](CLI::App* each) { return each->get_name() == word; });
     if (known != below.end()) {
       command = *known;
       path += " " + word;

@@ -24,7 +24,8 @@ Result<scenario::Draft> read_draft(const std::string& scenario, const std::vecto
 std::string folder_name(std::string_view mission) {
   std::string out;
   for (const char c : mission) {
-    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
     out += plain ? c : '-';
   }
   return out.empty() || out.front() == '.' ? "mission" : out;

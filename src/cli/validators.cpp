@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/validators.h"
 
-#include <fmt/format.h>
-
 #include <charconv>
 #include <cstdint>
 #include <string>
 #include <string_view>
+
+#include <fmt/format.h>
 
 namespace astronav::cli {
 namespace {

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bad input to every command of the real program: exit status 2, one line on standard error that says what is wrong,
 // nothing on standard output, no crash, no hang.
-#include <gtest/gtest.h>
-#include <sys/stat.h>
-
 #include <algorithm>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <sys/stat.h>
 
 #include "support/program.h"
 
@@ -35,36 +35,47 @@ struct BadFile {
   const char* says;
 };
 
-const std::vector<BadFile> kNoKernel{{"missing.bsp", "no such file"},       {"empty", "is not an SPK kernel: it has 0 bytes"},
-                                     {"cut.bsp", "not inside the file"},    {"stub.bsp", "is not an SPK kernel"},
-                                     {"frame.png", "is not an SPK kernel"}, {"mission.toml", "is not an SPK kernel"},
-                                     {"folder", "is not a regular file"},   {"pipe", "is not a regular file"}};
-const std::vector<BadFile> kNoScenario{{"missing.toml", "no such file"}, {"empty", "the file is empty"},
-                                       {"cut.toml", "not TOML"},         {"frame.png", "not TOML"},
-                                       {"cut.bsp", "not TOML"},          {"camera.toml", "unknown section"},
-                                       {"folder", "is not a regular file"}};
-const std::vector<BadFile> kNoCamera{{"missing", "no such camera"},  {"empty", "the file is empty"},
-                                     {"cut-camera.toml", "TOML"},    {"frame.png", "not valid TOML"},
+const std::vector<BadFile> kNoKernel{
+    {"missing.bsp", "no such file"},       {"empty", "is not an SPK kernel: it has 0 bytes"},
+    {"cut.bsp", "not inside the file"},    {"stub.bsp", "is not an SPK kernel"},
+    {"frame.png", "is not an SPK kernel"}, {"mission.toml", "is not an SPK kernel"},
+    {"folder", "is not a regular file"},   {"pipe", "is not a regular file"}};
+const std::vector<BadFile> kNoScenario{
+    {"missing.toml", "no such file"},   {"empty", "the file is empty"}, {"cut.toml", "not TOML"},
+    {"frame.png", "not TOML"},          {"cut.bsp", "not TOML"},        {"camera.toml", "unknown section"},
+    {"folder", "is not a regular file"}};
+const std::vector<BadFile> kNoCamera{{"missing", "no such camera"},   {"empty", "the file is empty"},
+                                     {"cut-camera.toml", "TOML"},     {"frame.png", "not valid TOML"},
                                      {"mission.toml", "unknown key"}, {"folder", "is not a regular file"}};
-const std::vector<BadFile> kNoCatalogue{{"missing", "no such file"},            {"empty", "but only 0 are there"},
-                                        {"cut.stars", "make a file of"},        {"frame.png", "not a star catalogue"},
-                                        {"mission.toml", "not a star catalogue"}, {"folder", "is not a regular file"}};
-const std::vector<BadFile> kNoPicture{{"missing.png", "no such file"},   {"empty", "the file is empty"},
-                                      {"cut.png", "ends too early"},     {"cut.fits", "its header promises"},
-                                      {"mission.toml", "not a picture"}, {"cut.bsp", "not a picture"},
+const std::vector<BadFile> kNoCatalogue{{"missing", "no such file"},
+                                        {"empty", "but only 0 are there"},
+                                        {"cut.stars", "make a file of"},
+                                        {"frame.png", "not a star catalogue"},
+                                        {"mission.toml", "not a star catalogue"},
+                                        {"folder", "is not a regular file"}};
+const std::vector<BadFile> kNoPicture{{"missing.png", "no such file"},     {"empty", "the file is empty"},
+                                      {"cut.png", "ends too early"},       {"cut.fits", "its header promises"},
+                                      {"mission.toml", "not a picture"},   {"cut.bsp", "not a picture"},
                                       {"folder", "is not a regular file"}, {"pipe", "is not a regular file"}};
-const std::vector<BadFile> kNoTrajectory{{"missing", "no such file"},   {"empty", "the file is empty"},
-                                         {"cut.oem", "is the file cut off?"}, {"cut.bsp", "not inside the file"},
-                                         {"frame.png", "neither an SPK kernel"}, {"mission.toml", "neither an SPK kernel"},
+const std::vector<BadFile> kNoTrajectory{{"missing", "no such file"},
+                                         {"empty", "the file is empty"},
+                                         {"cut.oem", "is the file cut off?"},
+                                         {"cut.bsp", "not inside the file"},
+                                         {"frame.png", "neither an SPK kernel"},
+                                         {"mission.toml", "neither an SPK kernel"},
                                          {"folder", "is not a regular file"}};
-const std::vector<BadFile> kNoOem{{"missing", "no such file"}, {"empty", "the file is empty"},
-                                  {"cut.oem", "is the file cut off?"}, {"frame.png", "not printable ASCII"},
+const std::vector<BadFile> kNoOem{{"missing", "no such file"},          {"empty", "the file is empty"},
+                                  {"cut.oem", "is the file cut off?"},  {"frame.png", "not printable ASCII"},
                                   {"mission.toml", "mission.toml:1:1"}, {"folder", "is not a regular file"}};
-const std::vector<BadFile> kNoTable{{"missing", "no such file"}, {"empty", "neither a Hipparcos main table"},
-                                    {"cut.gz", "cut.gz"}, {"frame.png", "neither a Hipparcos main table"},
+const std::vector<BadFile> kNoTable{{"missing", "no such file"},
+                                    {"empty", "neither a Hipparcos main table"},
+                                    {"cut.gz", "cut.gz"},
+                                    {"frame.png", "neither a Hipparcos main table"},
                                     {"folder", "is not a regular file"}};
-const std::vector<BadFile> kNoCampaign{{"missing", "no such file"}, {"empty", "not a file of a campaign"},
-                                       {"cut.jsonl", "cut.jsonl"}, {"frame.png", "not a file of a campaign"},
+const std::vector<BadFile> kNoCampaign{{"missing", "no such file"},
+                                       {"empty", "not a file of a campaign"},
+                                       {"cut.jsonl", "cut.jsonl"},
+                                       {"frame.png", "not a file of a campaign"},
                                        {"folder", "no samples"}};
 
 struct Hole {
@@ -207,7 +218,8 @@ const std::vector<Bad> kBad{
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out nowhere/x.fits", "cannot be written"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out nowhere/x.png", "cannot be written"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --truth nowhere/t.json", "cannot be written"},
-    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --exposure-ms nan", "--exposure-ms: 'nan' is not a number"},
+    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --exposure-ms nan",
+     "--exposure-ms: 'nan' is not a number"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --exposure-ms -1", "'-1' is not a number"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --max-v nan", "--max-v: 'nan' is not a number"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --seed -1", "'-1' is not a seed"},
@@ -315,7 +327,8 @@ class CommandLine : public ::testing::Test {
     ASSERT_EQ(astronav("render --epoch 2026-11-22 --pointing 83.8,-1.2,0 --out frame.fits").status, 0);
     ASSERT_EQ(astronav("render --epoch 2026-11-22 --pointing 83.8,-1.2,0 --out frame.png").status, 0);
     ASSERT_EQ(astronav("trajectory design --departure 2026-11-09 --days 300 --out cruise.oem").status, 0);
-    for (const char* name : {"fits", "png"}) write_text(at / (std::string("cut.") + name), half(at / (std::string("frame.") + name)));
+    for (const char* name : {"fits", "png"})
+      write_text(at / (std::string("cut.") + name), half(at / (std::string("frame.") + name)));
     write_text(at / "cut.oem", half(at / "cruise.oem"));
     write_text(at / "cut.bsp", half(kHome / "data/de405_2000_2050.bsp"));
     write_text(at / "stub.bsp", read_text(at / "cut.bsp").substr(0, 100));
@@ -330,13 +343,15 @@ class CommandLine : public ::testing::Test {
   static void TearDownTestSuite() { scratch_.reset(); }
 
   static const fs::path& folder() { return scratch_->path(); }
-  static Outcome astronav(const std::string& line) { return testing::run_program(ASTRONAV_PROGRAM, words(line), folder()); }
+  static Outcome astronav(const std::string& line) {
+    return testing::run_program(ASTRONAV_PROGRAM, words(line), folder());
+  }
 
   // Exit status 2, one line that names the trouble, nothing else.
   static void expect_refused(const std::string& line, const std::vector<std::string>& says) {
     const Outcome got = astronav(line);
-    const std::string all = "astronav " + line + "\nstatus " + std::to_string(got.status) + "\nerr: " + got.err.substr(0, 500) +
-                            "\nout: " + got.out.substr(0, 200);
+    const std::string all = "astronav " + line + "\nstatus " + std::to_string(got.status) +
+                            "\nerr: " + got.err.substr(0, 500) + "\nout: " + got.out.substr(0, 200);
     EXPECT_EQ(got.status, 2) << all;
     EXPECT_EQ(got.out, "") << all;
     EXPECT_EQ(got.err.rfind("astronav: ", 0), 0u) << all;
@@ -366,15 +381,33 @@ class CommandLine : public ::testing::Test {
 };
 std::unique_ptr<testing::ScratchFolder> CommandLine::scratch_;
 
-TEST_F(CommandLine, RunRefusesBadFiles) { expect_files_refused("run"); }
-TEST_F(CommandLine, CampaignRefusesBadFiles) { expect_files_refused("campaign"); }
-TEST_F(CommandLine, BeaconsRefusesBadFiles) { expect_files_refused("beacons"); }
-TEST_F(CommandLine, EphemerisRefusesBadFiles) { expect_files_refused("ephemeris"); }
-TEST_F(CommandLine, RenderRefusesBadFiles) { expect_files_refused("render"); }
-TEST_F(CommandLine, SolveRefusesBadFiles) { expect_files_refused("solve"); }
-TEST_F(CommandLine, CentroidsRefusesBadFiles) { expect_files_refused("centroids"); }
-TEST_F(CommandLine, CatalogRefusesBadFiles) { expect_files_refused("catalog"); }
-TEST_F(CommandLine, TrajectoryRefusesBadFiles) { expect_files_refused("trajectory"); }
+TEST_F(CommandLine, RunRefusesBadFiles) {
+  expect_files_refused("run");
+}
+TEST_F(CommandLine, CampaignRefusesBadFiles) {
+  expect_files_refused("campaign");
+}
+TEST_F(CommandLine, BeaconsRefusesBadFiles) {
+  expect_files_refused("beacons");
+}
+TEST_F(CommandLine, EphemerisRefusesBadFiles) {
+  expect_files_refused("ephemeris");
+}
+TEST_F(CommandLine, RenderRefusesBadFiles) {
+  expect_files_refused("render");
+}
+TEST_F(CommandLine, SolveRefusesBadFiles) {
+  expect_files_refused("solve");
+}
+TEST_F(CommandLine, CentroidsRefusesBadFiles) {
+  expect_files_refused("centroids");
+}
+TEST_F(CommandLine, CatalogRefusesBadFiles) {
+  expect_files_refused("catalog");
+}
+TEST_F(CommandLine, TrajectoryRefusesBadFiles) {
+  expect_files_refused("trajectory");
+}
 
 TEST_F(CommandLine, SenselessArgumentsAreRefused) {
   for (const Bad& bad : kBad) expect_refused(bad.line, {bad.says});
@@ -382,7 +415,8 @@ TEST_F(CommandLine, SenselessArgumentsAreRefused) {
 
 TEST_F(CommandLine, SenselessObserversAreRefused) {
   for (const BadFile& bad : kNoObserver)
-    expect_refused(std::string("render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --observer ") + bad.file, {bad.says});
+    expect_refused(std::string("render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --observer ") + bad.file,
+                   {bad.says});
 }
 
 // A command that nobody wrote a bad line for would be a hole in this test.
@@ -390,9 +424,11 @@ TEST_F(CommandLine, EveryCommandIsTried) {
   std::set<std::string> tried;
   for (const Bad& bad : kBad) {
     const std::vector<std::string> line = words(bad.line);
-    for (std::size_t n = 1; n <= std::min<std::size_t>(line.size(), 2); ++n) tried.insert(n == 1 ? line[0] : line[0] + " " + line[1]);
+    for (std::size_t n = 1; n <= std::min<std::size_t>(line.size(), 2); ++n)
+      tried.insert(n == 1 ? line[0] : line[0] + " " + line[1]);
   }
-  for (const std::string& command : testing::commands_of(ASTRONAV_PROGRAM, folder())) EXPECT_TRUE(tried.contains(command)) << command;
+  for (const std::string& command : testing::commands_of(ASTRONAV_PROGRAM, folder()))
+    EXPECT_TRUE(tried.contains(command)) << command;
 }
 
 TEST_F(CommandLine, SeveralPicturesUnreadableCountsMoreThanUnmatchedMoreThanSolved) {
@@ -402,11 +438,12 @@ TEST_F(CommandLine, SeveralPicturesUnreadableCountsMoreThanUnmatchedMoreThanSolv
     int status;
     std::vector<std::string> each;
   };
-  const std::vector<Case> cases{{"frame.fits", 0, {"solved"}},
-                                {"frame.fits frame.png", 0, {"solved", "solved"}},
-                                {"blank.fits frame.fits", 3, {"no_match", "solved"}},
-                                {"blank.fits cut.png frame.fits", 2, {"no_match", "unreadable", "solved"}},
-                                {"missing.png empty folder mission.toml", 2, std::vector<std::string>(4, "unreadable")}};
+  const std::vector<Case> cases{
+      {"frame.fits", 0, {"solved"}},
+      {"frame.fits frame.png", 0, {"solved", "solved"}},
+      {"blank.fits frame.fits", 3, {"no_match", "solved"}},
+      {"blank.fits cut.png frame.fits", 2, {"no_match", "unreadable", "solved"}},
+      {"missing.png empty folder mission.toml", 2, std::vector<std::string>(4, "unreadable")}};
   for (const Case& c : cases) {
     const Outcome got = astronav(std::string("solve --fov 15:25 --json ") + c.pictures);
     EXPECT_EQ(got.status, c.status) << c.pictures << got.err;

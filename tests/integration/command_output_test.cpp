@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the commands promise in docs/interfaces.md: the fields of their JSON, the files of a run, help that fits a screen.
-#include <gtest/gtest.h>
-
+// What the commands promise in docs/interfaces.md: the fields of their JSON, the files of a run, help that fits a
+// screen.
 #include <cmath>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include "support/program.h"
 
@@ -62,7 +63,9 @@ std::vector<json> objects(const Outcome& got) {
 
 class CommandOutput : public ::testing::Test {
  protected:
-  Outcome astronav(const std::string& line) const { return testing::run_program(ASTRONAV_PROGRAM, words(line), folder()); }
+  Outcome astronav(const std::string& line) const {
+    return testing::run_program(ASTRONAV_PROGRAM, words(line), folder());
+  }
   const fs::path& folder() const { return scratch_.path(); }
 
  private:
@@ -83,14 +86,16 @@ TEST_F(CommandOutput, HelpFitsAScreenAndEndsWithAnExample) {
     ASSERT_GE(lines.size(), 2u);
     EXPECT_EQ(lines[lines.size() - 2], "Example:") << command;
     const std::string example = "  astronav" + (command.empty() ? "" : " " + command) + " ";
-    EXPECT_TRUE((lines.back() + " ").starts_with(example) || command == "catalog" || command == "trajectory") << lines.back();
+    EXPECT_TRUE((lines.back() + " ").starts_with(example) || command == "catalog" || command == "trajectory")
+        << lines.back();
   }
 }
 
 TEST_F(CommandOutput, Ephemeris) {
-  Fields fields{"body", "from", "epoch_tdb", "epoch_utc", "correction", "position_km", "velocity_km_s", "distance_km",
-                "ra_deg", "dec_deg", "light_time_s"};
-  for (const json& moon : objects(astronav("ephemeris 'mars barycenter' --from ssb --epoch 2026-11-22/2026-11-25/1d --correction none --json"))) {
+  Fields fields{"body",          "from",        "epoch_tdb", "epoch_utc", "correction",  "position_km",
+                "velocity_km_s", "distance_km", "ra_deg",    "dec_deg",   "light_time_s"};
+  for (const json& moon : objects(astronav(
+           "ephemeris 'mars barycenter' --from ssb --epoch 2026-11-22/2026-11-25/1d --correction none --json"))) {
     expect_fields(moon["position_km"], {"x", "y", "z"}, "JSON of `ephemeris`");
     expect_fields(moon["velocity_km_s"], {"x", "y", "z"}, "JSON of `ephemeris`");
   }
@@ -105,12 +110,16 @@ TEST_F(CommandOutput, Ephemeris) {
 }
 
 TEST_F(CommandOutput, TruthOfRender) {
-  const auto told = objects(astronav("render --epoch '2026-11-22T00:00:00 TDB' --pointing 83.8,-1.2,10 --max-v 8 --out frame.fits --truth truth.json --json"));
+  const auto told =
+      objects(astronav("render --epoch '2026-11-22T00:00:00 TDB' --pointing 83.8,-1.2,10 --max-v 8 --out frame.fits "
+                       "--truth truth.json --json"));
   ASSERT_EQ(told.size(), 1u);
   expect_fields(told[0], {"image", "truth", "camera", "epoch_tdb", "stars", "planets"}, "Truth of `render`");
   const json truth = json::parse(read_text(folder() / "truth.json"), nullptr, false);
   ASSERT_TRUE(truth.is_object());
-  expect_fields(truth, {"image", "camera", "exposure_ms", "seed", "epoch_tdb", "ra_deg", "dec_deg", "roll_deg", "q_NC", "observer", "sources"},
+  expect_fields(truth,
+                {"image", "camera", "exposure_ms", "seed", "epoch_tdb", "ra_deg", "dec_deg", "roll_deg", "q_NC",
+                 "observer", "sources"},
                 "Truth of `render`");
   expect_fields(truth["q_NC"], {"w", "x", "y", "z"}, "Truth of `render`");
   expect_fields(truth["observer"], {"position_km", "velocity_km_s"}, "Truth of `render`");
@@ -129,18 +138,45 @@ TEST_F(CommandOutput, CentroidsAndSolve) {
   ASSERT_EQ(astronav("render --epoch 2026-11-22 --pointing 83.8,-1.2,10 --max-v 9 --out frame.fits").status, 0);
   const auto seen = objects(astronav("centroids frame.fits --json"));
   ASSERT_EQ(seen.size(), 1u);
-  expect_fields(seen[0], {"image", "count", "threshold_dn", "background_dn", "noise_dn", "time_ms", "centroids"}, "JSON of `centroids`");
+  expect_fields(seen[0], {"image", "count", "threshold_dn", "background_dn", "noise_dn", "time_ms", "centroids"},
+                "JSON of `centroids`");
   ASSERT_GT(seen[0]["centroids"].size(), 20u);
   EXPECT_EQ(seen[0]["count"], seen[0]["centroids"].size());
-  expect_fields(seen[0]["centroids"][0], {"u_px", "v_px", "sigma_u_px", "sigma_v_px", "flux_dn", "snr", "pixels", "saturated"}, "JSON of `centroids`");
+  expect_fields(seen[0]["centroids"][0],
+                {"u_px", "v_px", "sigma_u_px", "sigma_v_px", "flux_dn", "snr", "pixels", "saturated"},
+                "JSON of `centroids`");
 
   const std::string chapter_name = "JSON of `solve`";
-  const auto solved = objects(astronav("solve frame.fits --camera extrema-20deg --epoch 2026-11-22 --observer earth --json"));
+  const auto solved =
+      objects(astronav("solve frame.fits --camera extrema-20deg --epoch 2026-11-22 --observer earth --json"));
   ASSERT_EQ(solved.size(), 1u);
   const json& s = solved[0];
-  expect_fields(s, {"image", "status", "message", "ra_deg", "dec_deg", "roll_deg", "fov_h_deg", "fov_v_deg", "plate_scale_arcsec", "q_NC",
-                    "attitude_sigma_arcsec", "parity", "chance_probability", "focal_px", "distortion", "epoch_tdb", "epoch_assumed",
-                    "aberration_corrected", "stars_detected", "stars_matched", "residual_rms_px", "stars", "planets", "spots", "time_ms"},
+  expect_fields(s,
+                {"image",
+                 "status",
+                 "message",
+                 "ra_deg",
+                 "dec_deg",
+                 "roll_deg",
+                 "fov_h_deg",
+                 "fov_v_deg",
+                 "plate_scale_arcsec",
+                 "q_NC",
+                 "attitude_sigma_arcsec",
+                 "parity",
+                 "chance_probability",
+                 "focal_px",
+                 "distortion",
+                 "epoch_tdb",
+                 "epoch_assumed",
+                 "aberration_corrected",
+                 "stars_detected",
+                 "stars_matched",
+                 "residual_rms_px",
+                 "stars",
+                 "planets",
+                 "spots",
+                 "time_ms"},
                 chapter_name);
   expect_fields(s["q_NC"], {"w", "x", "y", "z"}, chapter_name);
   expect_fields(s["attitude_sigma_arcsec"], {"x", "y", "z"}, chapter_name);
@@ -159,7 +195,9 @@ TEST_F(CommandOutput, Catalog) {
   ASSERT_GT(stars.size(), 3u);
   double last = -30.0;
   for (const json& star : stars) {
-    expect_fields(star, {"id", "ra_deg", "dec_deg", "pm_ra_cosdec_mas_yr", "pm_dec_mas_yr", "parallax_mas", "v_mag", "b_v_mag", "separation_deg"},
+    expect_fields(star,
+                  {"id", "ra_deg", "dec_deg", "pm_ra_cosdec_mas_yr", "pm_dec_mas_yr", "parallax_mas", "v_mag",
+                   "b_v_mag", "separation_deg"},
                   "JSON of `catalog`");
     EXPECT_GE(star["v_mag"].get<double>(), last);
     last = star["v_mag"].get<double>();
@@ -167,7 +205,9 @@ TEST_F(CommandOutput, Catalog) {
   }
   const auto info = objects(astronav("catalog info --json"));
   ASSERT_EQ(info.size(), 1u);
-  expect_fields(info[0], {"file", "source", "size_bytes", "epoch", "stars", "stars_without_colour", "v_mag_min", "v_mag_max", "stars_to_v_mag"},
+  expect_fields(info[0],
+                {"file", "source", "size_bytes", "epoch", "stars", "stars_without_colour", "v_mag_min", "v_mag_max",
+                 "stars_to_v_mag"},
                 "JSON of `catalog`");
 }
 
@@ -175,14 +215,16 @@ TEST_F(CommandOutput, TrajectoryIsDesignedToldOfAndConverted) {
   const std::string chapter_name = "JSON of `trajectory`";
   const auto design = objects(astronav("trajectory design --departure 2026-11-09 --days 300 --out cruise.oem --json"));
   ASSERT_EQ(design.size(), 1u);
-  expect_fields(design[0], {"from", "to", "departure_tdb", "arrival_tdb", "duration_days", "c3_km2_s2", "v_infinity_departure_km_s",
-                            "v_infinity_arrival_km_s", "closest_approach_km", "miss_distance_km", "aim_error_km", "iterations",
-                            "begin_tdb", "end_tdb", "position_km", "velocity_km_s", "out"},
+  expect_fields(design[0],
+                {"from", "to", "departure_tdb", "arrival_tdb", "duration_days", "c3_km2_s2",
+                 "v_infinity_departure_km_s", "v_infinity_arrival_km_s", "closest_approach_km", "miss_distance_km",
+                 "aim_error_km", "iterations", "begin_tdb", "end_tdb", "position_km", "velocity_km_s", "out"},
                 chapter_name);
   const auto info = objects(astronav("trajectory info cruise.oem --json"));
   ASSERT_EQ(info.size(), 1u);
-  expect_fields(info[0], {"file", "format", "object", "object_id", "center", "center_id", "time_system", "begin_tdb", "end_tdb",
-                          "duration_days", "states", "covariances"},
+  expect_fields(info[0],
+                {"file", "format", "object", "object_id", "center", "center_id", "time_system", "begin_tdb", "end_tdb",
+                 "duration_days", "states", "covariances"},
                 chapter_name);
   EXPECT_NEAR(info[0]["duration_days"].get<double>(), 294.0, 1e-6);
   const auto converted = objects(astronav("trajectory convert cruise.oem hourly.oem --step 1h --json"));
@@ -194,32 +236,58 @@ TEST_F(CommandOutput, TrajectoryIsDesignedToldOfAndConverted) {
 TEST_F(CommandOutput, Beacons) {
   const auto cycles = objects(astronav("beacons --set conops.cycle_days=50 --json"));
   ASSERT_GT(cycles.size(), 3u);
-  expect_fields(cycles[0], {"cycle", "epoch_tdb", "day", "first", "second", "separation_deg", "figure_of_merit_km", "candidates"},
+  expect_fields(cycles[0],
+                {"cycle", "epoch_tdb", "day", "first", "second", "separation_deg", "figure_of_merit_km", "candidates"},
                 "JSON of `beacons`");
-  expect_fields(cycles[0]["candidates"][0], {"body", "usable", "reason", "magnitude_v", "sun_elongation_deg", "distance_km", "phase_angle_deg",
-                                             "angular_diameter_arcsec", "nearest_arcsec"},
+  expect_fields(cycles[0]["candidates"][0],
+                {"body", "usable", "reason", "magnitude_v", "sun_elongation_deg", "distance_km", "phase_angle_deg",
+                 "angular_diameter_arcsec", "nearest_arcsec"},
                 "JSON of `beacons`");
 }
 
 TEST_F(CommandOutput, RunLeavesItsFilesAndTellsItsSummary) {
-  const Outcome got = astronav("run --level mil --seed 3 --set conops.cycle_days=40 --set conops.tracking_min=10 --out results --json");
+  const Outcome got =
+      astronav("run --level mil --seed 3 --set conops.cycle_days=40 --set conops.tracking_min=10 --out results --json");
   const auto told = objects(got);
   ASSERT_EQ(told.size(), 1u);
-  for (const char* name : {"summary.json", "estimate.oem", "truth.oem", "records.csv", "scenario.resolved.toml", "report.html"})
-    EXPECT_GT(fs::is_regular_file(folder() / "results" / name) ? fs::file_size(folder() / "results" / name) : 0, 100u) << name;
+  for (const char* name :
+       {"summary.json", "estimate.oem", "truth.oem", "records.csv", "scenario.resolved.toml", "report.html"})
+    EXPECT_GT(fs::is_regular_file(folder() / "results" / name) ? fs::file_size(folder() / "results" / name) : 0, 100u)
+        << name;
   const json summary = json::parse(read_text(folder() / "results/summary.json"), nullptr, false);
   const std::string chapter_name = "Files of `run`";
-  const Fields fields{"level", "seed", "sample", "version", "runs", "cycles", "images", "duration_days", "position_error_km", "velocity_error_m_s",
-                      "nees_mean", "nees_band_95", "nis_mean", "nis_band_95", "vision", "time_ms_per_image", "time_ms", "peak_memory_mb", "wall_s",
+  const Fields fields{"level",
+                      "seed",
+                      "sample",
+                      "version",
+                      "runs",
+                      "cycles",
+                      "images",
+                      "duration_days",
+                      "position_error_km",
+                      "velocity_error_m_s",
+                      "nees_mean",
+                      "nees_band_95",
+                      "nis_mean",
+                      "nis_band_95",
+                      "vision",
+                      "time_ms_per_image",
+                      "time_ms",
+                      "peak_memory_mb",
+                      "wall_s",
                       "counts"};
   expect_fields(summary, fields, chapter_name);
   for (const char* which : {"position_error_km", "velocity_error_m_s"}) {
-    expect_fields(summary[which], {"final_rss", "steady_rms_rss", "steady_3sigma_axis", "formal_3sigma_axis", "end_of_coast"}, chapter_name);
-    expect_fields(summary[which]["end_of_coast"], {"final_rss", "steady_rms_rss", "steady_3sigma_axis", "formal_3sigma_axis"}, chapter_name);
+    expect_fields(summary[which],
+                  {"final_rss", "steady_rms_rss", "steady_3sigma_axis", "formal_3sigma_axis", "end_of_coast"},
+                  chapter_name);
+    expect_fields(summary[which]["end_of_coast"],
+                  {"final_rss", "steady_rms_rss", "steady_3sigma_axis", "formal_3sigma_axis"}, chapter_name);
     EXPECT_EQ(summary[which]["steady_3sigma_axis"].size(), 3u);
   }
-  expect_fields(summary["vision"], {"attitude_success_rate", "planet_success_rate", "false_planets", "centroid_error_px_1sigma",
-                                    "planet_error_px_1sigma", "attitude_error_arcsec_1sigma"},
+  expect_fields(summary["vision"],
+                {"attitude_success_rate", "planet_success_rate", "false_planets", "centroid_error_px_1sigma",
+                 "planet_error_px_1sigma", "attitude_error_arcsec_1sigma"},
                 chapter_name);
   expect_fields(summary["vision"]["attitude_error_arcsec_1sigma"], {"cross", "roll"}, chapter_name);
   expect_fields(summary["time_ms_per_image"], {"median", "p99"}, chapter_name);
@@ -243,10 +311,13 @@ TEST_F(CommandOutput, RunLeavesItsFilesAndTellsItsSummary) {
 }
 
 TEST_F(CommandOutput, CampaignTellsItsSummaryAndGoesOn) {
-  const std::string line = "campaign earth-mars-ballistic --level mil --jobs 2 --set conops.cycle_days=40 --set conops.tracking_min=10 --out many --json";
+  const std::string line =
+      "campaign earth-mars-ballistic --level mil --jobs 2 --set conops.cycle_days=40 --set conops.tracking_min=10 "
+      "--out many --json";
   const auto two = objects(astronav(line + " --samples 2"));
   ASSERT_EQ(two.size(), 1u);
-  for (const char* name : {"summary.json", "samples.csv", "report.html"}) EXPECT_TRUE(fs::is_regular_file(folder() / "many" / name)) << name;
+  for (const char* name : {"summary.json", "samples.csv", "report.html"})
+    EXPECT_TRUE(fs::is_regular_file(folder() / "many" / name)) << name;
   const auto three = objects(astronav(line + " --samples 3"));
   EXPECT_EQ(lines_of(read_text(folder() / "many/samples.csv")).size(), 4u);  // a header and three samples
   const auto merged = objects(astronav("campaign merge many --json"));
@@ -255,9 +326,15 @@ TEST_F(CommandOutput, CampaignTellsItsSummaryAndGoesOn) {
 
 // Where the observer is shows in the truth of a rendered frame.
 TEST_F(CommandOutput, ObserversOfEveryKind) {
-  ASSERT_EQ(astronav("trajectory convert '" ASTRONAV_TEST_HOME "/data/de405_2000_2050.bsp' mars.oem --body 4 --begin 2026-11-20 --end 2026-11-25 --step 6h").status, 0);
+  ASSERT_EQ(astronav("trajectory convert '" ASTRONAV_TEST_HOME
+                     "/data/de405_2000_2050.bsp' mars.oem --body 4 --begin 2026-11-20 --end 2026-11-25 --step 6h")
+                .status,
+            0);
   const auto place = [&](const std::string& observer) {
-    const Outcome got = astronav("render --camera star-tracker-10deg --epoch '2026-11-22T00:00:00 TDB' --pointing 10,20,30 --max-v 4 --out x.fits --truth x.json --observer " + observer);
+    const Outcome got = astronav(
+        "render --camera star-tracker-10deg --epoch '2026-11-22T00:00:00 TDB' --pointing 10,20,30 --max-v 4 --out "
+        "x.fits --truth x.json --observer " +
+        observer);
     EXPECT_EQ(got.status, 0) << observer << ": " << got.err;
     const json truth = json::parse(read_text(folder() / "x.json"), nullptr, false);
     std::vector<double> out;
@@ -266,7 +343,8 @@ TEST_F(CommandOutput, ObserversOfEveryKind) {
     return out;
   };
   const auto state = [&](const std::string& body) {
-    const auto one = objects(astronav("ephemeris " + body + " --from ssb --correction none --epoch '2026-11-22T00:00:00 TDB' --json"));
+    const auto one = objects(
+        astronav("ephemeris " + body + " --from ssb --correction none --epoch '2026-11-22T00:00:00 TDB' --json"));
     std::vector<double> out;
     for (const char* part : {"position_km", "velocity_km_s"})
       for (const char* axis : {"x", "y", "z"}) out.push_back(one.at(0).at(part).at(axis).get<double>());

@@ -2,10 +2,11 @@
 // Short missions from end to end: the truth flies, the onboard software finds out where it is.
 #include "verification/loop/mission.h"
 
-#include <gtest/gtest.h>
-
 #include <cstdio>
 
+#include <gtest/gtest.h>
+
+#include "foundation/math/statistics.h"
 #include "verification/loop/summary.h"
 #include "verification/scenario/scenario.h"
 
@@ -26,8 +27,11 @@ TEST(Mission, SightsWithoutImagesFindTheSpacecraft) {
   ASSERT_TRUE(records) << describe(records.error());
   const loop::Summary summary = loop::summarize(*records);
   std::puts(loop::to_text(summary).c_str());
-  EXPECT_LT(summary.position_error_km.worst_axis(), 400.0);
+  EXPECT_LT(summary.position_error_km.worst_axis(), 130.0);  // twice the covariance bound
   EXPECT_LT(summary.velocity_error_m_s.worst_axis(), 0.1);
+  // False-alarm probability 1e-3 where the filter is right: 15 windows are worth few independent ones, so NEES is wide.
+  EXPECT_TRUE(chi_square_mean_band(0.999, 2.0, summary.nis_count).contains(summary.nis_mean)) << summary.nis_mean;
+  EXPECT_LT(summary.nees_mean, 16.0);
 }
 
 TEST(Mission, ImagesOfTheRealSkyFindTheSpacecraft) {
@@ -35,7 +39,11 @@ TEST(Mission, ImagesOfTheRealSkyFindTheSpacecraft) {
   ASSERT_TRUE(records) << describe(records.error());
   const loop::Summary summary = loop::summarize(*records);
   std::puts(loop::to_text(summary).c_str());
-  EXPECT_LT(summary.position_error_km.worst_axis(), 2000.0);
+  EXPECT_LT(summary.position_error_km.worst_axis(), 1000.0);
+  EXPECT_LT(summary.velocity_error_m_s.worst_axis(), 0.5);
+  EXPECT_GT(summary.nis_mean, 1.8);
+  EXPECT_LT(summary.nis_mean, 2.2);
+  EXPECT_LT(summary.nees_mean, 16.0);
   EXPECT_GT(summary.vision.attitude_success_rate, 0.99);
   EXPECT_GT(summary.vision.planet_success_rate, 0.99);
   EXPECT_EQ(summary.vision.false_planets, 0);

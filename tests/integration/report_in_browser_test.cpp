@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The report opened in a browser, from disk and with no network: every chart is drawn and no script fails.
-#include <gtest/gtest.h>
-
 #include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <string>
 
+#include <gtest/gtest.h>
+
+#include "support/shared_data.h"
 #include "foundation/files/mapped_file.h"
 #include "support/synthetic_records.h"
 #include "verification/campaign/campaign.h"
@@ -35,7 +36,10 @@ std::size_t count(const std::string& text, const std::string& what) {
 class ReportInBrowser : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (output_of("command -v chromium").empty()) GTEST_SKIP() << "no chromium on this machine";
+    if (output_of("command -v chromium").empty()) {
+      if (testing::shared_data_required()) FAIL() << "CI needs chromium";
+      GTEST_SKIP() << "no chromium on this machine";
+    }
     std::string pattern = (std::filesystem::temp_directory_path() / "astronav_report_XXXXXX").string();
     ASSERT_NE(mkdtemp(pattern.data()), nullptr);
     folder_ = pattern;
@@ -44,16 +48,19 @@ class ReportInBrowser : public ::testing::Test {
     if (!folder_.empty()) std::filesystem::remove_all(folder_);
   }
   std::string browse(const std::string& file, const std::string& what) const {
-    return output_of("timeout 100 chromium --no-sandbox --headless --disable-gpu --no-first-run --disable-background-networking"
-                     " --disable-component-update --disable-sync --disable-dev-shm-usage --host-resolver-rules='MAP * ~NOTFOUND'"
-                     " --user-data-dir=" + (folder_ / "profile").string() + " --window-size=1280,2000 " + what + " file://" +
-                     (folder_ / file).string() + " 2>/dev/null");
+    return output_of(
+        "timeout 100 chromium --no-sandbox --headless --disable-gpu --no-first-run --disable-background-networking"
+        " --disable-component-update --disable-sync --disable-dev-shm-usage --host-resolver-rules='MAP * ~NOTFOUND'"
+        " --user-data-dir=" +
+        (folder_ / "profile").string() + " --window-size=1280,2000 " + what + " file://" + (folder_ / file).string() +
+        " 2>/dev/null");
   }
   std::filesystem::path folder_;
 };
 
 TEST_F(ReportInBrowser, MissionDrawsEveryChart) {
-  const auto records = astronav::testing::synthetic_records({.seed = 5, .cycles = 8, .images_per_window = 6, .frames = 2});
+  const auto records =
+      astronav::testing::synthetic_records({.seed = 5, .cycles = 8, .images_per_window = 6, .frames = 2});
   ASSERT_TRUE(write_file(folder_ / "report.html", report::mission_html(records, loop::summarize(records))));
   const std::string dom = browse("report.html", "--dump-dom");
   EXPECT_NE(dom.find("data-ready=\"yes\""), std::string::npos) << dom.substr(0, 400);
@@ -87,13 +94,13 @@ TEST_F(ReportInBrowser, CampaignDrawsEveryChart) {
   options.samples = 4;
   options.version = "0";
   options.out = folder_ / "campaign";
-  const auto outcome = campaign::run(
-      scenario::Draft(), options,
-      [](const scenario::Scenario&, std::uint64_t seed, std::uint64_t) -> Result<loop::Records> {
-        if (seed == 3) return fail(ErrorCode::not_converged, "went astray");
-        return astronav::testing::synthetic_records({.seed = seed, .cycles = 8, .images_per_window = 4});
-      },
-      {});
+  const auto outcome =
+      campaign::run(scenario::Draft(), options,
+                    [](const scenario::Scenario&, std::uint64_t seed, std::uint64_t) -> Result<loop::Records> {
+                      if (seed == 3) return fail(ErrorCode::not_converged, "went astray");
+                      return astronav::testing::synthetic_records({.seed = seed, .cycles = 8, .images_per_window = 4});
+                    },
+                    {});
   ASSERT_TRUE(outcome);
   const auto statistics = campaign::statistics(*outcome);
   ASSERT_TRUE(statistics);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The world coordinates in a rendered frame's header, read by astropy, against the truth file of the same frame.
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <cstdlib>
 #include <sstream>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "support/program.h"
 #include "support/shared_data.h"
@@ -29,19 +29,21 @@ TEST(WcsAgainstAstropy, SourcesOfTheTruthStandWhereTheHeaderPutsThem) {
   for (const Frame& frame : {Frame{"extrema-20deg", "83.8,-1.2,25"}, Frame{"navcam", "10,88,200"},
                              Frame{"star-tracker-10deg", "0.5,-60,-100"}, Frame{"bent.toml", "200,40,300"}}) {
     if (std::string(frame.camera) == "bent.toml") {
-      std::string camera = testing::read_text(std::filesystem::path(ASTRONAV_TEST_HOME) / "scenarios/cameras/extrema-20deg.toml");
+      std::string camera =
+          testing::read_text(std::filesystem::path(ASTRONAV_TEST_HOME) / "scenarios/cameras/extrema-20deg.toml");
       ASSERT_EQ(camera.find("[distortion]"), std::string::npos);
       camera += "\n[distortion]\nk1 = -0.08\nk2 = 0.02\np1 = 1e-3\np2 = -5e-4\n";
       testing::write_text(scratch.path() / frame.camera, camera);
     }
     const auto rendered = testing::run_program(
         ASTRONAV_PROGRAM,
-        testing::words(std::string("render --epoch 2026-11-22 --out frame.fits --truth truth.json --camera ") + frame.camera +
-                       " --pointing " + frame.pointing),
+        testing::words(std::string("render --epoch 2026-11-22 --out frame.fits --truth truth.json --camera ") +
+                       frame.camera + " --pointing " + frame.pointing),
         scratch.path());
     ASSERT_EQ(rendered.status, 0) << rendered.err;
-    const auto read = testing::run_program("/usr/bin/python3", {ASTRONAV_INTEGRATION_DIR "/wcs_places.py", "frame.fits", "truth.json", "places.csv"},
-                                           scratch.path());
+    const auto read = testing::run_program(
+        "/usr/bin/python3", {ASTRONAV_INTEGRATION_DIR "/wcs_places.py", "frame.fits", "truth.json", "places.csv"},
+        scratch.path());
     ASSERT_EQ(read.status, 0) << read.err;
     double worst_px = 0.0, worst_arcsec = 0.0;
     int sources = 0;
@@ -54,7 +56,8 @@ TEST(WcsAgainstAstropy, SourcesOfTheTruthStandWhereTheHeaderPutsThem) {
       worst_arcsec = std::max(worst_arcsec, arcsec);
       ++sources;
     }
-    std::printf("%s: %d sources, at most %.2e px and %.2e arcsec apart\n", frame.camera, sources, worst_px, worst_arcsec);
+    std::printf("%s: %d sources, at most %.2e px and %.2e arcsec apart\n", frame.camera, sources, worst_px,
+                worst_arcsec);
     EXPECT_GT(sources, 20) << frame.camera;
     // TAN is exact; the polynomials of SIP follow a strong distortion to a thousandth of a pixel.
     const bool bent = std::string(frame.camera) == "bent.toml";

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "support/program.h"
 
-#include <fcntl.h>
-#include <gtest/gtest.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
 #include <sstream>
 #include <system_error>
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 namespace astronav::testing {
 
@@ -26,7 +26,8 @@ Outcome run_program(const fs::path& program, const std::vector<std::string>& arg
   const pid_t child = fork();
   if (child == 0) {
     const int none = open("/dev/null", O_RDONLY);
-    const int out_fd = open(out.c_str(), O_WRONLY | O_CREAT, 0600), err_fd = open(err.c_str(), O_WRONLY | O_CREAT, 0600);
+    const int out_fd = open(out.c_str(), O_WRONLY | O_CREAT, 0600),
+              err_fd = open(err.c_str(), O_WRONLY | O_CREAT, 0600);
     if (dup2(none, 0) < 0 || dup2(out_fd, 1) < 0 || dup2(err_fd, 2) < 0 || chdir(folder.c_str()) != 0) _exit(126);
     alarm(limit_s);  // outlives exec: the program ends by SIGALRM
     execv(argv[0], argv.data());
@@ -34,7 +35,9 @@ Outcome run_program(const fs::path& program, const std::vector<std::string>& arg
   }
   int status = 0;
   if (child < 0 || waitpid(child, &status, 0) != child) return {.status = 125, .out = {}, .err = {}};
-  return {.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), .out = read_text(out), .err = read_text(err)};
+  return {.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status),
+          .out = read_text(out),
+          .err = read_text(err)};
 }
 
 std::vector<std::string> words(std::string_view line) {
@@ -65,7 +68,8 @@ std::vector<std::string> lines_of(const std::string& text) {
 
 namespace {
 
-void add_commands(const fs::path& program, const fs::path& folder, const std::string& above, std::vector<std::string>& out) {
+void add_commands(const fs::path& program, const fs::path& folder, const std::string& above,
+                  std::vector<std::string>& out) {
   std::vector<std::string> arguments = words(above);
   arguments.push_back("--help");
   bool listed = false;

@@ -8,10 +8,10 @@
 // skipped; with ASTRONAV_REQUIRE_SHARED_DATA=1 (CI) it fails instead.
 #pragma once
 
-#include <gtest/gtest.h>
-
 #include <filesystem>
 #include <string>
+
+#include <gtest/gtest.h>
 
 namespace astronav::testing {
 
@@ -20,11 +20,12 @@ bool shared_data_required();
 
 }  // namespace astronav::testing
 
-#define ASTRONAV_SHARED_DATA(name)                                                                            \
-  [&]() -> std::filesystem::path { return ::astronav::testing::shared_data_root() / (name); }();              \
-  if (!std::filesystem::exists(::astronav::testing::shared_data_root() / (name))) {                           \
-    if (::astronav::testing::shared_data_required())                                                          \
-      FAIL() << "shared data are required, but " << (::astronav::testing::shared_data_root() / (name)) << " is not there"; \
-    GTEST_SKIP() << "no shared data: " << (::astronav::testing::shared_data_root() / (name));                 \
-  }                                                                                                           \
+#define ASTRONAV_SHARED_DATA(name)                                                                     \
+  [&]() -> std::filesystem::path { return ::astronav::testing::shared_data_root() / (name); }();       \
+  if (!std::filesystem::exists(::astronav::testing::shared_data_root() / (name))) {                    \
+    if (::astronav::testing::shared_data_required())                                                   \
+      FAIL() << "shared data are required, but " << (::astronav::testing::shared_data_root() / (name)) \
+             << " is not there";                                                                       \
+    GTEST_SKIP() << "no shared data: " << (::astronav::testing::shared_data_root() / (name));          \
+  }                                                                                                    \
   static_assert(true)

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "support/synthetic_records.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include "foundation/math/random.h"
 #include "foundation/math/rotation.h"
@@ -92,12 +93,14 @@ void propagate(Filter& filter, const Vec3& p_sun, double dt, double factor, Rand
 
 void draw_frame(loop::KeptFrame& frame, RandomStream& random, const char* planet) {
   frame.pixels = ImageU16(1024, 1024);
-  for (auto& pixel : frame.pixels.pixels()) pixel = static_cast<std::uint16_t>(std::clamp(64.0 + random.normal() * 1.2, 0.0, 4095.0));
+  for (auto& pixel : frame.pixels.pixels())
+    pixel = static_cast<std::uint16_t>(std::clamp(64.0 + random.normal() * 1.2, 0.0, 4095.0));
   const auto spot = [&](double u, double v, double flux) {
     for (int y = std::max(0, static_cast<int>(v) - 6); y < std::min(1024, static_cast<int>(v) + 7); ++y) {
       for (int x = std::max(0, static_cast<int>(u) - 6); x < std::min(1024, static_cast<int>(u) + 7); ++x) {
         const double r2 = (x - u) * (x - u) + (y - v) * (y - v);
-        frame.pixels(x, y) = static_cast<std::uint16_t>(std::min(4095.0, frame.pixels(x, y) + flux * std::exp(-r2 / 1.3)));
+        frame.pixels(x, y) =
+            static_cast<std::uint16_t>(std::min(4095.0, frame.pixels(x, y) + flux * std::exp(-r2 / 1.3)));
       }
     }
   };
@@ -128,7 +131,8 @@ loop::Records synthetic_records(const SyntheticOptions& options) {
   const Epoch start = Epoch::tdb_seconds(847454400.0);
   Filter filter;
   filter.P.setZero();
-  filter.P.diagonal() << Vec3::Constant(1e14), Vec3::Constant(1e4), Vec3::Constant(kAccelerationSigma * kAccelerationSigma);
+  filter.P.diagonal() << Vec3::Constant(1e14), Vec3::Constant(1e4),
+      Vec3::Constant(kAccelerationSigma * kAccelerationSigma);
   filter.error = factor * draw(random, filter.P);
 
   double t = 0.0;
@@ -170,8 +174,8 @@ loop::Records synthetic_records(const SyntheticOptions& options) {
     choice.figure_of_merit_km = 500.0;
     for (int i = 0; i < 4; ++i) {
       const bool near_sun = (cycle + 3 * i) % 11 < 3;
-      choice.candidates.push_back({kBeacons[i], -2.0 + i, near_sun ? 20.0 : 40.0 + 3.0 * cycle, 1e8 + 3e7 * i, !near_sun,
-                                   near_sun ? "Sun exclusion" : ""});
+      choice.candidates.push_back({kBeacons[i], -2.0 + i, near_sun ? 20.0 : 40.0 + 3.0 * cycle, 1e8 + 3e7 * i,
+                                   !near_sun, near_sun ? "Sun exclusion" : ""});
     }
     records.beacons.push_back(choice);
     for (int window = 0; window < 2; ++window) {
@@ -179,7 +183,8 @@ loop::Records synthetic_records(const SyntheticOptions& options) {
       const double window_start = cycle_start + window * 85.0 * 60.0;
       for (int k = 0; k < options.images_per_window; ++k) {
         advance(window_start + 100.0 * k);
-        const Vec3 line = on_orbit(kPlanets[static_cast<std::size_t>(kBeaconOrbit[beacon])], t).p_m - on_orbit(spacecraft, t).p_m;
+        const Vec3 line =
+            on_orbit(kPlanets[static_cast<std::size_t>(kBeaconOrbit[beacon])], t).p_m - on_orbit(spacecraft, t).p_m;
         const Vec3 s = line.normalized();
         const EastNorth en = east_north(s);
         Eigen::Matrix<double, 2, 9> H = Eigen::Matrix<double, 2, 9>::Zero();
@@ -203,7 +208,8 @@ loop::Records synthetic_records(const SyntheticOptions& options) {
         e.planet_error_px = noise;
         e.planet_sigma_px = Vec2::Constant(kPixelSigma);
         e.attitude_sigma_rad = Vec3(0.5, 0.5, 4.0) * kArcsecond;
-        e.attitude_error_rad = e.attitude_sigma_rad.cwiseProduct(Vec3(random.normal(), random.normal(), random.normal()));
+        e.attitude_error_rad =
+            e.attitude_sigma_rad.cwiseProduct(Vec3(random.normal(), random.normal(), random.normal()));
         e.stars_matched = 60 + static_cast<int>(random.uniform(0, 30));
         e.spots = 2;
         e.centroid_error_count = 2 * e.stars_matched;
@@ -229,7 +235,8 @@ loop::Records synthetic_records(const SyntheticOptions& options) {
   records.end = start + Duration::days(10.0 * options.cycles);
   for (std::size_t planet = 1; planet < kPlanets.size(); ++planet) {
     for (int k = 0; k <= 150; ++k) {
-      records.planet_tracks_m[planet].push_back(on_orbit(kPlanets[planet], 10.0 * options.cycles * kDay * k / 150.0).p_m);
+      records.planet_tracks_m[planet].push_back(
+          on_orbit(kPlanets[planet], 10.0 * options.cycles * kDay * k / 150.0).p_m);
     }
   }
   records.cycles = options.cycles;

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Real skies of four cameras, against the plate solutions that astrometry.net finds for them.
-#include <gtest/gtest.h>
-
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -9,6 +7,8 @@
 #include <sstream>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/rotation.h"
@@ -65,15 +65,18 @@ TEST(AttitudeAgainstAstrometryNet, RealSkies) {
     // The centre of the picture, not the boresight: a tangential distortion moves it.
     const Pointing pointing = pointing_from_R_CN(solution->attitude.R_CN);
     const double off = angle_between(direction_from_radec(pointing.ra_rad, pointing.dec_rad),
-                                     direction_from_radec(row.ra_deg * kDegree, row.dec_deg * kDegree)) / kArcsecond;
+                                     direction_from_radec(row.ra_deg * kDegree, row.dec_deg * kDegree)) /
+                       kArcsecond;
     const double roll = std::abs(std::remainder(pointing.roll_rad / kDegree - row.roll_deg, 360.0));
     const bool ok = off <= row.tolerance_arcsec && roll <= row.tolerance_roll_deg;
     ++(ok ? right : wrong);
-    std::printf("  %s %-50s %.2f s, off %.1f of %.0f arcsec, roll %.3f of %.2f deg, %zu of %zu stars, rms %.2f px, fov %.2f (%.2f), chance %.1g\n",
-                ok ? "right " : "WRONG ", row.image.c_str(), s, off, row.tolerance_arcsec, roll, row.tolerance_roll_deg,
-                solution->stars.size(), solution->detected, solution->attitude.residual_rms_px,
-                solution->attitude.intrinsics.field_of_view_horizontal_rad() / kDegree, row.fov_h_deg,
-                solution->attitude.chance_probability);
+    std::printf(
+        "  %s %-50s %.2f s, off %.1f of %.0f arcsec, roll %.3f of %.2f deg, %zu of %zu stars, rms %.2f px, fov %.2f "
+        "(%.2f), chance %.1g\n",
+        ok ? "right " : "WRONG ", row.image.c_str(), s, off, row.tolerance_arcsec, roll, row.tolerance_roll_deg,
+        solution->stars.size(), solution->detected, solution->attitude.residual_rms_px,
+        solution->attitude.intrinsics.field_of_view_horizontal_rad() / kDegree, row.fov_h_deg,
+        solution->attitude.chance_probability);
   }
   EXPECT_EQ(listed, 23);
   EXPECT_GE(right, 18);

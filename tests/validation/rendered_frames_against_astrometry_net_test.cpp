@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Frames of random pointings, rendered with all noise for an observer at rest 1 au from the Sun, are solved by
 // astrometry.net with its Tycho-2 indexes from the stars that SEP finds. Neither knows anything of this project.
-#include <gtest/gtest.h>
-#include <unistd.h>
-
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -11,9 +8,12 @@
 #include <sstream>
 #include <string>
 
+#include <gtest/gtest.h>
+#include <unistd.h>
+
 #include "foundation/files/mapped_file.h"
-#include "foundation/raster/raster.h"
 #include "foundation/math/statistics.h"
+#include "foundation/raster/raster.h"
 #include "models/camera_file/camera_file.h"
 #include "simulator/render/renderer.h"
 #include "simulator/sky/sky.h"
@@ -34,10 +34,10 @@ class Simulation {
 
   ImageU16 frame(const Camera& camera, const Mat3& R_CN, std::uint64_t image) const {
     const State at_rest{.p_m = Vec3(kAstronomicalUnit, 0.0, 0.0), .v_m_s = Vec3::Zero()};
-    const auto seen = *sky::Sky(ephemeris_, catalogue_)
-                           .look(*Epoch::parse("2026-11-22T00:00:00 TDB"), at_rest, R_CN.row(2).transpose(),
-                                 camera.intrinsics.half_diagonal_rad() + 0.01, BandPhotometry(camera),
-                                 {.max_v_mag = 12.0});
+    const auto seen =
+        *sky::Sky(ephemeris_, catalogue_)
+             .look(*Epoch::parse("2026-11-22T00:00:00 TDB"), at_rest, R_CN.row(2).transpose(),
+                   camera.intrinsics.half_diagonal_rad() + 0.01, BandPhotometry(camera), {.max_v_mag = 12.0});
     const auto sources = render::place_sources(seen, camera, R_CN, camera.exposure_s);
     StreamId noise;
     noise.image = image;
@@ -54,13 +54,15 @@ class Simulation {
 };
 
 bool tools_are_there() {
-  return std::system("command -v solve-field >/dev/null 2>&1 && /usr/bin/python3 -c 'import sep, astropy' 2>/dev/null "
-                     "&& ls /usr/share/astrometry/index-tycho2-*.fits >/dev/null 2>&1") == 0;
+  return std::system(
+             "command -v solve-field >/dev/null 2>&1 && /usr/bin/python3 -c 'import sep, astropy' 2>/dev/null "
+             "&& ls /usr/share/astrometry/index-tycho2-*.fits >/dev/null 2>&1") == 0;
 }
 
 TEST(RenderedFramesAgainstAstrometryNet, NineteenOfTwentySolveWithinAFifthOfAPixel) {
   if (!tools_are_there()) {
-    const char* missing = "astrometry.net's solve-field with Tycho-2 indexes, or python3-sep, or python3-astropy is not installed";
+    const char* missing =
+        "astrometry.net's solve-field with Tycho-2 indexes, or python3-sep, or python3-astropy is not installed";
     if (testing::shared_data_required()) FAIL() << missing;
     GTEST_SKIP() << missing;
   }
@@ -82,7 +84,8 @@ TEST(RenderedFramesAgainstAstrometryNet, NineteenOfTwentySolveWithinAFifthOfAPix
            << (i < 10 ? 20.0 : 10.0) << '\n';
     }
   }
-  const std::string command = "/usr/bin/python3 '" ASTRONAV_VALIDATION_DIR "/solve_rendered_frames.py' '" + folder.string() + "'";
+  const std::string command =
+      "/usr/bin/python3 '" ASTRONAV_VALIDATION_DIR "/solve_rendered_frames.py' '" + folder.string() + "'";
   ASSERT_EQ(std::system(command.c_str()), 0);
 
   int good = 0;

@@ -22,7 +22,9 @@ std::atomic<CheckHook> current_hook{&print_and_abort};
 
 }  // namespace
 
-void set_check_hook(CheckHook hook) { current_hook = hook != nullptr ? hook : &print_and_abort; }
+void set_check_hook(CheckHook hook) {
+  current_hook = hook != nullptr ? hook : &print_and_abort;
+}
 
 void check_failed(const CheckFailure& failure) {
   current_hook.load()(failure);

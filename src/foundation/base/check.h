@@ -11,7 +11,7 @@ struct CheckFailure {
   const char* file;
   int line;
   const char* condition;
-  double left;   // NaN where the check has no operands
+  double left;  // NaN where the check has no operands
   double right;
 };
 
@@ -23,15 +23,15 @@ void set_check_hook(CheckHook hook);
 
 }  // namespace astronav
 
-#define ASTRONAV_CHECK(condition)                                                                               \
-  do {                                                                                                          \
-    if (!(condition)) [[unlikely]]                                                                              \
-      ::astronav::check_failed({__FILE__, __LINE__, #condition, __builtin_nan(""), __builtin_nan("")});         \
+#define ASTRONAV_CHECK(condition)                                                                       \
+  do {                                                                                                  \
+    if (!(condition)) [[unlikely]]                                                                      \
+      ::astronav::check_failed({__FILE__, __LINE__, #condition, __builtin_nan(""), __builtin_nan("")}); \
   } while (false)
 
-#define ASTRONAV_CHECK_OP(left, op, right)                                                                      \
-  do {                                                                                                          \
-    if (!((left)op(right))) [[unlikely]]                                                                        \
-      ::astronav::check_failed({__FILE__, __LINE__, #left " " #op " " #right, static_cast<double>(left),        \
-                                static_cast<double>(right)});                                                   \
+#define ASTRONAV_CHECK_OP(left, op, right)                                                                        \
+  do {                                                                                                            \
+    if (!((left)op(right))) [[unlikely]]                                                                          \
+      ::astronav::check_failed(                                                                                   \
+          {__FILE__, __LINE__, #left " " #op " " #right, static_cast<double>(left), static_cast<double>(right)}); \
   } while (false)

@@ -1,24 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "foundation/base/error.h"
 
-#include <fmt/format.h>
-
 #include <cmath>
+
+#include <fmt/format.h>
 
 namespace astronav {
 
 std::string_view name(ErrorCode code) {
   switch (code) {
-    case ErrorCode::invalid_argument: return "invalid_argument";
-    case ErrorCode::not_found: return "not_found";
-    case ErrorCode::corrupt_data: return "corrupt_data";
-    case ErrorCode::unsupported: return "unsupported";
-    case ErrorCode::out_of_range: return "out_of_range";
-    case ErrorCode::io_failure: return "io_failure";
-    case ErrorCode::no_match: return "no_match";
-    case ErrorCode::not_converged: return "not_converged";
-    case ErrorCode::limit_exceeded: return "limit_exceeded";
-    case ErrorCode::internal: return "internal";
+    case ErrorCode::invalid_argument:
+      return "invalid_argument";
+    case ErrorCode::not_found:
+      return "not_found";
+    case ErrorCode::corrupt_data:
+      return "corrupt_data";
+    case ErrorCode::unsupported:
+      return "unsupported";
+    case ErrorCode::out_of_range:
+      return "out_of_range";
+    case ErrorCode::io_failure:
+      return "io_failure";
+    case ErrorCode::no_match:
+      return "no_match";
+    case ErrorCode::not_converged:
+      return "not_converged";
+    case ErrorCode::limit_exceeded:
+      return "limit_exceeded";
+    case ErrorCode::internal:
+      return "internal";
   }
   return "internal";
 }
@@ -26,9 +36,12 @@ std::string_view name(ErrorCode code) {
 int exit_status(ErrorCode code) {
   switch (code) {
     case ErrorCode::no_match:
-    case ErrorCode::not_converged: return 3;
-    case ErrorCode::internal: return 1;
-    default: return 2;
+    case ErrorCode::not_converged:
+      return 3;
+    case ErrorCode::internal:
+      return 1;
+    default:
+      return 2;
   }
 }
 

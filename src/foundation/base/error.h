@@ -10,8 +10,9 @@
 #include <cstddef>
 #include <string>
 #include <string_view>
-#include <tl/expected.hpp>
 #include <type_traits>
+
+#include <tl/expected.hpp>
 
 namespace astronav {
 

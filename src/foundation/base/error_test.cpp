@@ -9,7 +9,8 @@ namespace astronav {
 namespace {
 
 TEST(Error, SentenceHasPlaceNumbersAndSubject) {
-  const Error e{ErrorCode::corrupt_data, "{s}: record at byte {0} is {1} bytes long", {128, 40.5}, "a.bsp", "segment 3"};
+  const Error e{
+      ErrorCode::corrupt_data, "{s}: record at byte {0} is {1} bytes long", {128, 40.5}, "a.bsp", "segment 3"};
   EXPECT_EQ(describe(e), "a.bsp: segment 3: record at byte 128 is 40.5 bytes long");
 }
 

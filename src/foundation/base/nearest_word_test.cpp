@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "foundation/base/nearest_word.h"
 
-#include <gtest/gtest.h>
-
 #include <array>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 namespace astronav {
 namespace {

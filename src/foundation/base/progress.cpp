@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "foundation/base/progress.h"
 
-#include <fmt/format.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdio>
+
+#include <fmt/format.h>
+#include <unistd.h>
 
 namespace astronav {
 namespace {
 
 using Clock = std::chrono::steady_clock;
 
-double seconds(Clock::duration d) { return std::chrono::duration<double>(d).count(); }
+double seconds(Clock::duration d) {
+  return std::chrono::duration<double>(d).count();
+}
 
 std::string clock_text(double s) {
   const int total = static_cast<int>(s + 0.5);
@@ -24,7 +26,9 @@ std::string clock_text(double s) {
 ProgressBar::ProgressBar(std::string title)
     : title_(std::move(title)), terminal_(isatty(STDERR_FILENO) == 1), start_(Clock::now()), last_(start_) {}
 
-ProgressBar::~ProgressBar() { finish(); }
+ProgressBar::~ProgressBar() {
+  finish();
+}
 
 void ProgressBar::update(double done, std::string_view note) {
   const auto now = Clock::now();
@@ -37,8 +41,10 @@ void ProgressBar::update(double done, std::string_view note) {
   if (terminal_) {
     constexpr int width = 32;
     const int filled = std::clamp(static_cast<int>(done * width), 0, width);
-    const std::string bar = std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(width - filled), '.');
-    std::fputs(fmt::format("\r\x1b[K{} [{}] {:3.0f} %  {} left  {}", title_, bar, 100.0 * done, left, note).c_str(), stderr);
+    const std::string bar =
+        std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(width - filled), '.');
+    std::fputs(fmt::format("\r\x1b[K{} [{}] {:3.0f} %  {} left  {}", title_, bar, 100.0 * done, left, note).c_str(),
+               stderr);
   } else {
     std::fputs(fmt::format("{} {:3.0f} %  {} left  {}\n", title_, 100.0 * done, left, note).c_str(), stderr);
   }

@@ -47,7 +47,9 @@ class Image {
  public:
   Image() = default;
   Image(int width, int height, T value = T{})
-      : pixels_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), value), width_(width), height_(height) {}
+      : pixels_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), value),
+        width_(width),
+        height_(height) {}
 
   int width() const { return width_; }
   int height() const { return height_; }

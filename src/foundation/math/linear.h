@@ -13,8 +13,8 @@ using Mat3 = Eigen::Matrix3d;
 using Mat23 = Eigen::Matrix<double, 2, 3>;
 
 inline constexpr double kPi = 3.14159265358979323846;
-inline constexpr double kDegree = kPi / 180.0;              // rad
-inline constexpr double kArcsecond = kDegree / 3600.0;      // rad
+inline constexpr double kDegree = kPi / 180.0;               // rad
+inline constexpr double kArcsecond = kDegree / 3600.0;       // rad
 inline constexpr double kMilliarcsecond = kArcsecond / 1e3;  // rad
 
 }  // namespace astronav

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "foundation/math/random.h"
 
-#include <gtest/gtest.h>
-
 #include <array>
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "foundation/math/statistics.h"
 

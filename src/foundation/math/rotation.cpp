@@ -5,7 +5,9 @@
 
 namespace astronav {
 
-Mat3 to_matrix(const Quaternion& q) { return Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(); }
+Mat3 to_matrix(const Quaternion& q) {
+  return Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix();
+}
 
 Quaternion to_quaternion(const Mat3& R) {
   Eigen::Quaterniond q(R);
@@ -57,7 +59,9 @@ EastNorth east_north(const Vec3& direction) {
   return {east, direction.normalized().cross(east)};
 }
 
-double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+double angle_between(const Vec3& a, const Vec3& b) {
+  return std::atan2(a.cross(b).norm(), a.dot(b));
+}
 
 Mat3 R_CN_from_pointing(const Pointing& p) {
   const Vec3 z = direction_from_radec(p.ra_rad, p.dec_rad);

@@ -8,7 +8,9 @@
 namespace astronav {
 namespace {
 
-Vec3 random_vector(RandomStream& r) { return {r.normal(), r.normal(), r.normal()}; }
+Vec3 random_vector(RandomStream& r) {
+  return {r.normal(), r.normal(), r.normal()};
+}
 
 TEST(Rotation, QuaternionMeansTheSameAsTheMatrix) {
   // A rotation by +90 degrees about z takes x to y.

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fitsio.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <string>
 #include <vector>
+
+#include <fitsio.h>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/raster/codecs.h"
@@ -80,7 +80,8 @@ Result<Picture> read_fits(Bytes file, const ReadLimits& limits) {
   // CFITSIO wants memory that it may write to, though it only reads here.
   void* memory = const_cast<std::byte*>(file.data());
   std::size_t size = file.size();
-  if (fits_open_memfile(&fits.file, "memory", READONLY, &memory, &size, 0, nullptr, &status) != 0) return broken(status);
+  if (fits_open_memfile(&fits.file, "memory", READONLY, &memory, &size, 0, nullptr, &status) != 0)
+    return broken(status);
 
   // The first extension that holds a picture.
   Geometry geometry;
@@ -144,9 +145,15 @@ Result<Picture> read_fits(Bytes file, const ReadLimits& limits) {
   int equivalent = 0;
   fits_get_img_equivtype(fits.file, &equivalent, &status);
   switch (equivalent) {
-    case BYTE_IMG: picture.bits = 8, picture.white_level = 255; break;
-    case SHORT_IMG: picture.bits = 16, picture.white_level = 32767; break;
-    case USHORT_IMG: picture.bits = 16, picture.white_level = 65535; break;
+    case BYTE_IMG:
+      picture.bits = 8, picture.white_level = 255;
+      break;
+    case SHORT_IMG:
+      picture.bits = 16, picture.white_level = 32767;
+      break;
+    case USHORT_IMG:
+      picture.bits = 16, picture.white_level = 65535;
+      break;
     default: {
       const auto pixels = picture.pixels.pixels();
       picture.white_level = *std::max_element(pixels.begin(), pixels.end());

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cstdio>  // jpeglib.h needs FILE
-
-#include <jpeglib.h>
-
-#include <jerror.h>
-
 #include <csetjmp>
+#include <cstdio>
 #include <vector>
+
+// jpeglib.h needs FILE, and jerror.h needs jpeglib.h.
+// clang-format off
+#include <jpeglib.h>
+#include <jerror.h>
+// clang-format on
 
 #include "foundation/raster/codecs.h"
 
@@ -21,7 +22,9 @@ struct Reader {
   ~Reader() { jpeg_destroy_decompress(&jpeg); }
 };
 
-Reader& owner(j_common_ptr jpeg) { return *static_cast<Reader*>(jpeg->client_data); }
+Reader& owner(j_common_ptr jpeg) {
+  return *static_cast<Reader*>(jpeg->client_data);
+}
 
 // libjpeg leaves by longjmp, which must not skip a destructor: everything that owns memory lives in the caller's frame.
 void on_error(j_common_ptr jpeg) {
@@ -37,8 +40,11 @@ void on_message(j_common_ptr jpeg, int level) {
     case JWRN_HIT_MARKER:
     case JWRN_HUFF_BAD_CODE:
     case JWRN_MUST_RESYNC:
-    case JWRN_ARITH_BAD_CODE: on_error(jpeg); break;
-    default: break;
+    case JWRN_ARITH_BAD_CODE:
+      on_error(jpeg);
+      break;
+    default:
+      break;
   }
 }
 

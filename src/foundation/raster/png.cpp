@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <png.h>
-
 #include <bit>
 #include <csetjmp>
 #include <cstring>
 #include <string>
 #include <vector>
+
+#include <png.h>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/raster/codecs.h"
@@ -173,7 +173,9 @@ Result<void> store(const std::filesystem::path& path, const Result<std::string>&
 }  // namespace
 }  // namespace raster
 
-Result<std::string> encode_png8(ImageView<const std::uint8_t> image) { return raster::encode(image, 1); }
+Result<std::string> encode_png8(ImageView<const std::uint8_t> image) {
+  return raster::encode(image, 1);
+}
 Result<std::string> encode_png_rgb(ImageView<const std::uint8_t> rgb_triplets) {
   return raster::encode(rgb_triplets, 3);
 }

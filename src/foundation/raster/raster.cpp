@@ -62,7 +62,8 @@ Result<Picture> read_any(Bytes file, const ReadLimits& limits) {
   if (starts_with(file, "\x1f\x8b")) {
     return fail(ErrorCode::unsupported, "the file is compressed with gzip; unpack it first");
   }
-  return fail(ErrorCode::unsupported, "not a picture: PNG, TIFF, JPEG and FITS are read (a raw frame needs its layout)");
+  return fail(ErrorCode::unsupported,
+              "not a picture: PNG, TIFF, JPEG and FITS are read (a raw frame needs its layout)");
 }
 
 }  // namespace

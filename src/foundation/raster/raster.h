@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pictures on disk: PNG, TIFF, JPEG, FITS and raw frames to and from Image<T>.
 //
-// Colour becomes luminance (mean of the channels), alpha is ignored. The row v = 0 is the top of the picture; a FITS file
-// stores it last (y = height - v), so that a viewer shows what the camera saw.
+// Colour becomes luminance (mean of the channels), alpha is ignored. The row v = 0 is the top of the picture; a FITS
+// file stores it last (y = height - v), so that a viewer shows what the camera saw.
 #pragma once
 
 #include <cstdint>
@@ -48,7 +48,7 @@ Result<std::string> encode_png_rgb(ImageView<const std::uint8_t> rgb_triplets);
 
 struct FitsCard {
   std::string key;
-  std::string text;                 // used where `number` has no value
+  std::string text;  // used where `number` has no value
   std::optional<double> number;
   std::string comment;
 };

@@ -2,20 +2,18 @@
 // Files are made with the codec libraries themselves, so that writer and reader cannot share a mistake of ours.
 #include "foundation/raster/raster.h"
 
-#include <gtest/gtest.h>
-#include <png.h>
-#include <tiffio.h>
-#include <unistd.h>
-
 #include <cstdio>  // jpeglib.h needs FILE
-
-#include <jpeglib.h>
-
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iterator>
 #include <string>
+
+#include <gtest/gtest.h>
+#include <jpeglib.h>
+#include <png.h>
+#include <tiffio.h>
+#include <unistd.h>
 
 #include "foundation/files/mapped_file.h"
 
@@ -70,7 +68,8 @@ void make_png(const fs::path& path, int width, int height, int bits, int colour_
   std::vector<png_bytep> rows;
   const std::size_t row_bytes = samples.size() / static_cast<std::size_t>(height);
   for (int v = 0; v < height; ++v) {
-    rows.push_back(reinterpret_cast<png_bytep>(const_cast<char*>(samples.data())) + row_bytes * static_cast<std::size_t>(v));
+    rows.push_back(reinterpret_cast<png_bytep>(const_cast<char*>(samples.data())) +
+                   row_bytes * static_cast<std::size_t>(v));
   }
   png_write_image(png, rows.data());
   png_write_end(png, nullptr);
@@ -155,7 +154,8 @@ TEST_F(Raster, PngColoursBecomeTheirMeanAndAlphaIsIgnored) {
   make_png(file("rgb.png"), 2, 1, 8, PNG_COLOR_TYPE_RGB, rgb);
   const std::string rgba("\x00\x1e\x3c\x00\xff\xff\xff\x80", 8);
   make_png(file("rgba.png"), 2, 1, 8, PNG_COLOR_TYPE_RGBA, rgba, {}, PNG_INTERLACE_ADAM7);
-  make_png(file("palette.png"), 2, 1, 8, PNG_COLOR_TYPE_PALETTE, std::string("\x01\x00", 2), {{255, 255, 255}, {0, 30, 60}});
+  make_png(file("palette.png"), 2, 1, 8, PNG_COLOR_TYPE_PALETTE, std::string("\x01\x00", 2),
+           {{255, 255, 255}, {0, 30, 60}});
   make_png(file("ga.png"), 2, 1, 8, PNG_COLOR_TYPE_GRAY_ALPHA, std::string("\x1e\x00\xff\x80", 4));
   for (const char* name : {"rgb.png", "rgba.png", "palette.png", "ga.png"}) {
     const Result<Picture> picture = read_picture(file(name));
@@ -275,7 +275,8 @@ TEST_F(Raster, RawFrames) {
   const Result<Picture> short_file = read_picture(file("a.raw"), *parse_raw_layout("3x3,u16be,5"));
   ASSERT_FALSE(short_file);
   EXPECT_EQ(short_file.error().code, ErrorCode::corrupt_data);
-  for (const char* text : {"", "3x2", "3x2,u32,0", "0x2,u8,0", "3x2,u8,", "3x2,u8,-1", "3x2,u8,0,", "3x2,u8,0x", "3*2,u8,0"}) {
+  for (const char* text :
+       {"", "3x2", "3x2,u32,0", "0x2,u8,0", "3x2,u8,", "3x2,u8,-1", "3x2,u8,0,", "3x2,u8,0x", "3*2,u8,0"}) {
     EXPECT_FALSE(parse_raw_layout(text)) << text;
   }
 }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tiffio.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <memory>
 #include <vector>
+
+#include <tiffio.h>
 
 #include "foundation/raster/codecs.h"
 
@@ -18,7 +18,9 @@ struct Source {
   char message[160] = "";
 };
 
-Source& source_of(thandle_t handle) { return *static_cast<Source*>(handle); }
+Source& source_of(thandle_t handle) {
+  return *static_cast<Source*>(handle);
+}
 
 tmsize_t read_bytes(thandle_t handle, void* out, tmsize_t count) {
   Source& source = source_of(handle);
@@ -28,26 +30,38 @@ tmsize_t read_bytes(thandle_t handle, void* out, tmsize_t count) {
   source.at += n;
   return static_cast<tmsize_t>(n);
 }
-tmsize_t write_bytes(thandle_t, void*, tmsize_t) { return 0; }
+tmsize_t write_bytes(thandle_t, void*, tmsize_t) {
+  return 0;
+}
 toff_t seek(thandle_t handle, toff_t offset, int whence) {
   Source& source = source_of(handle);
   switch (whence) {
-    case SEEK_CUR: source.at += offset; break;
-    case SEEK_END: source.at = source.file.size() + offset; break;
-    default: source.at = offset; break;
+    case SEEK_CUR:
+      source.at += offset;
+      break;
+    case SEEK_END:
+      source.at = source.file.size() + offset;
+      break;
+    default:
+      source.at = offset;
+      break;
   }
   return source.at;
 }
-int close_nothing(thandle_t) { return 0; }
-toff_t size_of(thandle_t handle) { return source_of(handle).file.size(); }
+int close_nothing(thandle_t) {
+  return 0;
+}
+toff_t size_of(thandle_t handle) {
+  return source_of(handle).file.size();
+}
 
 int on_error(TIFF*, void* user, const char*, const char* format, va_list arguments) {
   Source& source = source_of(user);
   if (source.message[0] == '\0') std::vsnprintf(source.message, sizeof source.message, format, arguments);
   return 1;
 }
-// Only a warning to libtiff: a tag whose values lie beyond the end of the file is left out. A picture without its colour
-// map would be a wrong one.
+// Only a warning to libtiff: a tag whose values lie beyond the end of the file is left out. A picture without its
+// colour map would be a wrong one.
 int on_warning(TIFF* tiff, void* user, const char* module, const char* format, va_list arguments) {
   return std::strncmp(format, "IO error", 8) == 0 ? on_error(tiff, user, module, format, arguments) : 1;
 }
@@ -63,8 +77,8 @@ Handle open(Source& source) {
   TIFFOpenOptionsSetMaxSingleMemAlloc(options, tmsize_t{1} << 30);
   TIFFOpenOptionsSetErrorHandlerExtR(options, on_error, &source);
   TIFFOpenOptionsSetWarningHandlerExtR(options, on_warning, &source);
-  Handle tiff(TIFFClientOpenExt("picture", "rm", &source, read_bytes, write_bytes, seek, close_nothing, size_of, nullptr,
-                                nullptr, options));
+  Handle tiff(TIFFClientOpenExt("picture", "rm", &source, read_bytes, write_bytes, seek, close_nothing, size_of,
+                                nullptr, nullptr, options));
   TIFFOpenOptionsFree(options);
   return tiff;
 }
@@ -75,8 +89,8 @@ struct Layout {
                 photometric = PHOTOMETRIC_MINISBLACK, compression = COMPRESSION_NONE;
   bool plain() const {
     const bool grey_or_rgb = photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB;
-    const bool type = (format == SAMPLEFORMAT_UINT && (bits == 8 || bits == 16)) ||
-                      (format == SAMPLEFORMAT_IEEEFP && bits == 32);
+    const bool type =
+        (format == SAMPLEFORMAT_UINT && (bits == 8 || bits == 16)) || (format == SAMPLEFORMAT_IEEEFP && bits == 32);
     return grey_or_rgb && type && samples >= 1 && samples <= 8;
   }
   int colours() const { return photometric == PHOTOMETRIC_RGB && samples >= 3 ? 3 : 1; }

@@ -28,7 +28,8 @@ Distorted distort(const Distortion& d, double x, double y) {
 }
 
 // Whether the distorted radius r (1 + k1 r2 + k2 r4 + k3 r6) still grows everywhere between the axis and r2: its
-// derivative q(s) = 1 + 3 k1 s + 5 k2 s2 + 7 k3 s3 with s = r2 must be positive at the end and wherever q has a minimum.
+// derivative q(s) = 1 + 3 k1 s + 5 k2 s2 + 7 k3 s3 with s = r2 must be positive at the end and wherever q has a
+// minimum.
 bool radius_grows_up_to(const Distortion& d, double r2) {
   if (d.k1 >= 0.0 && d.k2 >= 0.0 && d.k3 >= 0.0) return true;
   const auto q = [&](double s) { return 1.0 + s * (3.0 * d.k1 + s * (5.0 * d.k2 + s * 7.0 * d.k3)); };
@@ -52,10 +53,18 @@ bool one_to_one(const Distortion& d, double x, double y, const Distorted& there)
 
 }  // namespace
 
-Vec2 fits_from_pixel(Pixel p, int height) { return {p.u + 1.0, height - p.v}; }
-Pixel pixel_from_fits(const Vec2& xy, int height) { return {xy.x() - 1.0, height - xy.y()}; }
-Vec2 corner_from_pixel(Pixel p) { return {p.u + 0.5, p.v + 0.5}; }
-Pixel pixel_from_corner(const Vec2& xy) { return {xy.x() - 0.5, xy.y() - 0.5}; }
+Vec2 fits_from_pixel(Pixel p, int height) {
+  return {p.u + 1.0, height - p.v};
+}
+Pixel pixel_from_fits(const Vec2& xy, int height) {
+  return {xy.x() - 1.0, height - xy.y()};
+}
+Vec2 corner_from_pixel(Pixel p) {
+  return {p.u + 0.5, p.v + 0.5};
+}
+Pixel pixel_from_corner(const Vec2& xy) {
+  return {xy.x() - 0.5, xy.y() - 0.5};
+}
 
 Intrinsics Intrinsics::from_field_of_view(int width_px, int height_px, double fov_horizontal_rad) {
   Intrinsics camera;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Camera: pinhole with Brown-Conrady distortion, and the parameters of optics, point-spread function and detector.
 //
-// Camera axes C: +x right (columns), +y down (rows), +z along the boresight. Pixel (u, v) = (column, row); the centre of
-// the top-left pixel is (0, 0). A mirrored camera does not exist here: parity is a property of an image on disk.
+// Camera axes C: +x right (columns), +y down (rows), +z along the boresight. Pixel (u, v) = (column, row); the centre
+// of the top-left pixel is (0, 0). A mirrored camera does not exist here: parity is a property of an image on disk.
 #pragma once
 
 #include <array>
@@ -56,8 +56,8 @@ using IntrinsicsJacobian = Eigen::Matrix<double, 2, 9>;
 // that the distortion folds over. Optional derivatives by the direction's components and by the parameters.
 Result<Pixel> project(const Intrinsics& camera, const Vec3& direction_C, Mat23* by_direction = nullptr,
                       IntrinsicsJacobian* by_intrinsics = nullptr);
-// The unit vector in C whose projection is the pixel (Newton, to 1e-12). not_converged where the distortion has no inverse
-// there. Optional derivative (3x2) by the pixel.
+// The unit vector in C whose projection is the pixel (Newton, to 1e-12). not_converged where the distortion has no
+// inverse there. Optional derivative (3x2) by the pixel.
 Result<Vec3> unproject(const Intrinsics& camera, Pixel pixel, Eigen::Matrix<double, 3, 2>* by_pixel = nullptr);
 
 struct BandPoint {
@@ -71,13 +71,13 @@ struct Optics {
   std::vector<BandPoint> transmission;  // piecewise linear in wavelength, zero outside
 };
 
-// The truth's point-spread function: a Gaussian core whose width grows with the square of the distance from the boresight's
-// pixel, and a halo that may be displaced: three fifths of it a Gaussian of halo_sigma_px, two fifths one of twice that
-// (real wings fall more slowly than one Gaussian). Fractions of the energy. With halo_fraction = 0 it is a plain
-// Gaussian.
+// The truth's point-spread function: a Gaussian core whose width grows with the square of the distance from the
+// boresight's pixel, and a halo that may be displaced: three fifths of it a Gaussian of halo_sigma_px, two fifths one
+// of twice that (real wings fall more slowly than one Gaussian). Fractions of the energy. With halo_fraction = 0 it is
+// a plain Gaussian.
 struct PointSpread {
   double sigma_px = 0.8;
-  double sigma_growth_px = 0.0;    // added to sigma at half the image's diagonal
+  double sigma_growth_px = 0.0;  // added to sigma at half the image's diagonal
   double halo_fraction = 0.0;
   double halo_sigma_px = 3.0;
   double halo_offset_u_px = 0.0;
@@ -87,12 +87,12 @@ struct PointSpread {
 struct Detector {
   double pixel_pitch_m = 0.0;
   std::vector<BandPoint> quantum_efficiency;
-  double read_noise_e = 0.0;       // 1 sigma
-  double dark_current_e_s = 0.0;   // mean
-  double dark_nonuniformity = 0.0;  // DSNU, 1 sigma, share of the dark current
+  double read_noise_e = 0.0;         // 1 sigma
+  double dark_current_e_s = 0.0;     // mean
+  double dark_nonuniformity = 0.0;   // DSNU, 1 sigma, share of the dark current
   double photo_nonuniformity = 0.0;  // PRNU, 1 sigma, share of the signal
   double full_well_e = 0.0;
-  double gain_e_dn = 1.0;          // electrons per DN
+  double gain_e_dn = 1.0;  // electrons per DN
   double bias_dn = 0.0;
   int bits = 12;
   double background_e_s_px = 0.0;  // diffuse light
@@ -104,7 +104,7 @@ struct Camera {
   Optics optics;
   PointSpread psf;
   Detector detector;
-  double exposure_s = 0.4;         // default exposure
+  double exposure_s = 0.4;  // default exposure
 };
 
 }  // namespace astronav

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "models/camera/camera.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <limits>
+
+#include <gtest/gtest.h>
 
 namespace astronav {
 namespace {
@@ -121,7 +121,8 @@ TEST(Camera, FoldOfTheDistortionIsDetected) {
   const Result<Vec3> beyond = unproject(camera, at_radius(0.704));
   ASSERT_FALSE(beyond);
   EXPECT_EQ(beyond.error().code, ErrorCode::not_converged);
-  // Here the radius shrinks between r2 = 0.25 and 0.5 (1 - 6 s + 8 s2 = 0) and grows again: a place beyond is folded too.
+  // Here the radius shrinks between r2 = 0.25 and 0.5 (1 - 6 s + 8 s2 = 0) and grows again: a place beyond is folded
+  // too.
   camera.distortion = {.k1 = -2.0, .k2 = 1.6};
   EXPECT_TRUE(project(camera, {0.49, 0, 1}));
   EXPECT_FALSE(project(camera, {0.6, 0, 1}));
@@ -135,7 +136,7 @@ TEST(Camera, UnprojectRefusesNonsensePixels) {
 
 TEST(Camera, ConvertersToFitsAndCorner) {
   const Vec2 xy = fits_from_pixel({0.0, 0.0}, 768);
-  EXPECT_EQ(xy, Vec2(1.0, 768.0));                      // the top row is stored last
+  EXPECT_EQ(xy, Vec2(1.0, 768.0));  // the top row is stored last
   EXPECT_EQ(fits_from_pixel({10.0, 767.0}, 768), Vec2(11.0, 1.0));
   const Pixel back = pixel_from_fits(xy, 768);
   EXPECT_EQ(back.u, 0.0);

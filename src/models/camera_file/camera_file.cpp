@@ -3,13 +3,13 @@
 
 #define TOML_EXCEPTIONS 0
 #define TOML_HEADER_ONLY 1
-#include <fmt/format.h>
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <cstdlib>
 #include <set>
 #include <vector>
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
 
 #include "foundation/base/nearest_word.h"
 #include "foundation/files/mapped_file.h"
@@ -181,8 +181,8 @@ class Parser {
 
   tl::unexpected<Error> missing(const char* section, std::string_view name) const {
     const toml::node* table = *section == '\0' ? nullptr : root_.get(section);
-    return fail(ErrorCode::invalid_argument, "the key {s} is missing", {},
-                table == nullptr ? file_ : place(table), full_name(section, name));
+    return fail(ErrorCode::invalid_argument, "the key {s} is missing", {}, table == nullptr ? file_ : place(table),
+                full_name(section, name));
   }
 
   Result<void> integer(const IntegerKey& key, Camera& camera) const {
@@ -299,7 +299,8 @@ Result<Camera> read_camera(const std::filesystem::path& path_or_name) {
     return forward(file);
   }
   if (file->text().find_first_not_of(" \t\r\n") == std::string_view::npos)
-    return fail(ErrorCode::invalid_argument, "the file is empty, where a camera in TOML was expected", {}, path.string());
+    return fail(ErrorCode::invalid_argument, "the file is empty, where a camera in TOML was expected", {},
+                path.string());
   Result<Camera> camera = parse_camera(file->text(), path.string());
   if (camera && camera->name.empty()) camera->name = path.stem().string();
   return camera;

@@ -88,7 +88,8 @@ TEST(CameraFile, WrongTypesRangesAndMissingKeysAreNamed) {
   EXPECT_NE(error_of(replaced(good, "[0.7, 0.7]", "[0.7, 0.7, 0.7]")).find("has 3 values for 2 wavelengths"),
             std::string::npos);
   EXPECT_NE(error_of(replaced(good, "[450.0, 900.0]", "[900.0, 450.0]")).find("must rise"), std::string::npos);
-  EXPECT_NE(error_of(replaced(good, "[0.7, 0.7]", "[0.7, 1.7]")).find("list of two or more numbers"), std::string::npos);
+  EXPECT_NE(error_of(replaced(good, "[0.7, 0.7]", "[0.7, 1.7]")).find("list of two or more numbers"),
+            std::string::npos);
   EXPECT_NE(error_of("psf = 3\n").find("psf must be a section"), std::string::npos);
   EXPECT_NE(error_of("").find("is missing"), std::string::npos);
 }

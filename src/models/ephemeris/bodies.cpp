@@ -157,7 +157,8 @@ Result<BodyId> parse_body(std::string_view text) {
   for (const Name& known : kNames) {
     if (plain(known.name).view() == wanted.view()) return BodyId{known.id};
   }
-  const std::string_view nearest = nearest_word(wanted.view(), kNames, [](const Name& known) { return known.name; })->name;
+  const std::string_view nearest =
+      nearest_word(wanted.view(), kNames, [](const Name& known) { return known.name; })->name;
   // The error has one field for text: what was asked for and what is near share it.
   std::array<char, 160> said{};
   std::snprintf(said.data(), said.size(), "'%.*s' (the nearest name is '%.*s'; NAIF numbers are read too)",

@@ -3,15 +3,15 @@
 // (Boost's Fehlberg 7(8), written against the ephemeris alone).
 #pragma once
 
-#include <gtest/gtest.h>
-
 #include <array>
-#include <boost/numeric/odeint.hpp>
 #include <cstdlib>
 #include <functional>
 #include <map>
 #include <string>
 #include <vector>
+
+#include <boost/numeric/odeint.hpp>
+#include <gtest/gtest.h>
 
 #include "foundation/math/random.h"
 #include "foundation/math/rotation.h"
@@ -22,7 +22,9 @@
 
 namespace astronav::navigation::testing {
 
-inline const Ephemeris& kernel() { return astronav::testing::shipped_ephemeris(); }
+inline const Ephemeris& kernel() {
+  return astronav::testing::shipped_ephemeris();
+}
 
 inline State barycentric(BodyId body, Epoch epoch) {
   return kernel().state(body, body::solar_system_barycenter, epoch).value();
@@ -31,8 +33,8 @@ inline State barycentric(BodyId body, Epoch epoch) {
 using Accelerations = std::function<Vec3(double s)>;  // extra acceleration (m/s2), s seconds after the start
 
 // Point masses of Sun, planets and Moon, solar pressure k = P0 CR A / m in m/s2 at 1 AU, and what else there is.
-inline State fly(const State& from, Epoch epoch, Duration span, double pressure_m_s2 = 0.0, const Accelerations& extra = {},
-                 bool sun_only = false) {
+inline State fly(const State& from, Epoch epoch, Duration span, double pressure_m_s2 = 0.0,
+                 const Accelerations& extra = {}, bool sun_only = false) {
   using Vector = std::vector<double>;
   struct Body {
     BodyId id;
@@ -61,15 +63,17 @@ inline State fly(const State& from, Epoch epoch, Duration span, double pressure_
   Vector y{from.p_m.x(), from.p_m.y(), from.p_m.z(), from.v_m_s.x(), from.v_m_s.y(), from.v_m_s.z()};
   namespace ode = boost::numeric::odeint;
   const double length = span.seconds();
-  ode::integrate_adaptive(ode::make_controlled(1e-4, 1e-13, ode::runge_kutta_fehlberg78<Vector>()), rate, y, 0.0, length,
-                          std::min(length, 3600.0));
+  ode::integrate_adaptive(ode::make_controlled(1e-4, 1e-13, ode::runge_kutta_fehlberg78<Vector>()), rate, y, 0.0,
+                          length, std::min(length, 3600.0));
   return {Vec3(y[0], y[1], y[2]), Vec3(y[3], y[4], y[5])};
 }
 
-inline Epoch departure() { return Epoch::parse("2026-11-09T00:00:00 TDB").value(); }
+inline Epoch departure() {
+  return Epoch::parse("2026-11-09T00:00:00 TDB").value();
+}
 
-// Three days after the departure of the heliocentric conic from the Earth (2026-11-09) to Mars (300 days later): outside
-// the Earth's sphere of influence. Found by shooting with the Sun alone.
+// Three days after the departure of the heliocentric conic from the Earth (2026-11-09) to Mars (300 days later):
+// outside the Earth's sphere of influence. Found by shooting with the Sun alone.
 struct Start {
   Epoch epoch;
   State state;
@@ -112,6 +116,8 @@ inline Mat3 pointed_at(const Vec3& direction, const Intrinsics& camera, const Ve
   return rotation_exp(turn) * centred;
 }
 
-inline Intrinsics twenty_degree_camera() { return Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree); }
+inline Intrinsics twenty_degree_camera() {
+  return Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree);
+}
 
 }  // namespace astronav::navigation::testing

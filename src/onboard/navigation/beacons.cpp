@@ -45,12 +45,18 @@ bool observe(const Ephemeris& ephemeris, const State& observer, const State& sun
 
 const char* name(BeaconVerdict verdict) {
   switch (verdict) {
-    case BeaconVerdict::usable: return "usable";
-    case BeaconVerdict::sun_exclusion: return "Sun exclusion";
-    case BeaconVerdict::too_faint: return "too faint";
-    case BeaconVerdict::too_large: return "too large";
-    case BeaconVerdict::blended: return "close to another body";
-    case BeaconVerdict::no_ephemeris: return "not in the ephemeris";
+    case BeaconVerdict::usable:
+      return "usable";
+    case BeaconVerdict::sun_exclusion:
+      return "Sun exclusion";
+    case BeaconVerdict::too_faint:
+      return "too faint";
+    case BeaconVerdict::too_large:
+      return "too large";
+    case BeaconVerdict::blended:
+      return "close to another body";
+    case BeaconVerdict::no_ephemeris:
+      return "not in the ephemeris";
   }
   return "";
 }
@@ -68,7 +74,8 @@ Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& 
   if (!sun) return forward(sun);
 
   // What could stand beside a beacon: all planets and the Moon, whether candidates or not.
-  constexpr BodyId kBright[] = {body::mercury, body::venus, body::earth, body::moon, body::mars, body::jupiter, body::saturn};
+  constexpr BodyId kBright[] = {body::mercury, body::venus,   body::earth, body::moon,
+                                body::mars,    body::jupiter, body::saturn};
   std::array<Neighbour, std::size(kBright)> neighbours;
   int neighbour_count = 0;
   for (const BodyId body : kBright) {
@@ -86,7 +93,8 @@ Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& 
     candidate.nearest_rad = kPi;
     for (int k = 0; k < neighbour_count; ++k) {
       const Neighbour& other = neighbours[k];
-      if (other.body == candidate.body || other.v_magnitude > candidate.v_magnitude + settings.blend_magnitudes) continue;
+      if (other.body == candidate.body || other.v_magnitude > candidate.v_magnitude + settings.blend_magnitudes)
+        continue;
       const double separation = angle_between(candidate.direction_N, other.direction_N);
       if (separation >= candidate.nearest_rad) continue;
       candidate.nearest_rad = separation;
@@ -115,9 +123,8 @@ Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& 
       const double w2 = 1.0 / (b->sigma_across_m * b->sigma_across_m);
       const double sine2 = a->direction_N.cross(b->direction_N).squaredNorm();
       if (!(sine2 > 1e-12)) continue;
-      selection.ranked[selection.pair_count++] = {
-          a->body, b->body, angle_between(a->direction_N, b->direction_N),
-          std::sqrt(1.0 / (w1 + w2) + (w1 + w2) / (w1 * w2 * sine2))};
+      selection.ranked[selection.pair_count++] = {a->body, b->body, angle_between(a->direction_N, b->direction_N),
+                                                  std::sqrt(1.0 / (w1 + w2) + (w1 + w2) / (w1 * w2 * sine2))};
     }
   }
   std::sort(selection.ranked.begin(), selection.ranked.begin() + selection.pair_count,

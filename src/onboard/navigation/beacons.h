@@ -18,15 +18,15 @@ namespace astronav::navigation {
 inline constexpr int kMaxBeacons = 8;
 
 struct BeaconSettings {
-  std::array<BodyId, kMaxBeacons> candidates{body::mercury, body::venus,  body::earth,  body::mars,
-                                             body::jupiter, body::saturn, BodyId{}, BodyId{}};  // 0 ends the list
-  double sun_exclusion_rad = 35.0 * kDegree;        // least angle between beacon and Sun
+  std::array<BodyId, kMaxBeacons> candidates{body::mercury, body::venus,  body::earth, body::mars,
+                                             body::jupiter, body::saturn, BodyId{},    BodyId{}};  // 0 ends the list
+  double sun_exclusion_rad = 35.0 * kDegree;  // least angle between beacon and Sun
   double v_magnitude_limit = 6.0;
   double max_angular_diameter_rad = 300.0 * kArcsecond;
   // Another planet, or the Moon, nearer than this and less than `blend_magnitudes` fainter spoils the centroid.
   double min_separation_rad = 210.0 * kArcsecond;
   double blend_magnitudes = 6.0;
-  double sight_sigma_rad = 1.0 * kArcsecond;        // of a whole window's line of sight
+  double sight_sigma_rad = 1.0 * kArcsecond;            // of a whole window's line of sight
   std::array<double, kMaxBeacons> ephemeris_sigma_m{};  // per axis, in the order of the candidates
 };
 
@@ -44,15 +44,15 @@ struct BeaconCandidate {
   double distance_m = 0.0;
   double phase_angle_rad = 0.0;
   double angular_diameter_rad = 0.0;
-  double nearest_rad = 0.0;         // separation from the nearest body that could spoil it
-  BodyId nearest;                   // ... 0 where there is none
-  double sigma_across_m = 0.0;      // 1/sqrt(w): position sigma across its line of sight
+  double nearest_rad = 0.0;     // separation from the nearest body that could spoil it
+  BodyId nearest;               // ... 0 where there is none
+  double sigma_across_m = 0.0;  // 1/sqrt(w): position sigma across its line of sight
 };
 
 struct BeaconPair {
-  BodyId first, second;             // the stronger one (larger w) first
+  BodyId first, second;  // the stronger one (larger w) first
   double separation_rad = 0.0;
-  double figure_of_merit_m = 0.0;   // sqrt(tr P), 1 sigma
+  double figure_of_merit_m = 0.0;  // sqrt(tr P), 1 sigma
 };
 
 struct BeaconSelection {
@@ -61,7 +61,9 @@ struct BeaconSelection {
   std::array<BeaconPair, kMaxBeacons*(kMaxBeacons - 1) / 2> ranked{};
   int pair_count = 0;
   // In the order of the settings; pairs best first. Not of a temporary, whose arrays would be gone.
-  std::span<const BeaconCandidate> candidates() const& { return {all.data(), static_cast<std::size_t>(candidate_count)}; }
+  std::span<const BeaconCandidate> candidates() const& {
+    return {all.data(), static_cast<std::size_t>(candidate_count)};
+  }
   std::span<const BeaconPair> pairs() const& { return {ranked.data(), static_cast<std::size_t>(pair_count)}; }
   std::span<const BeaconCandidate> candidates() const&& = delete;
   std::span<const BeaconPair> pairs() const&& = delete;
@@ -70,7 +72,8 @@ struct BeaconSelection {
   const BeaconCandidate* best_single() const&& = delete;
 };
 
-// `observer` is barycentric. Bodies that the ephemeris lacks get that verdict; out_of_range only where the Sun is lacking.
+// `observer` is barycentric. Bodies that the ephemeris lacks get that verdict; out_of_range only where the Sun is
+// lacking.
 Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& observer, Epoch epoch,
                                        const BeaconSettings& settings);
 

@@ -41,7 +41,8 @@ TEST_F(Beacons, FigureOfMeritIsTheTraceOfTheInvertedInformation) {
       Mat3 information = Mat3::Zero();
       for (const BeaconCandidate& c : s.candidates()) {
         if (c.body != pair.first && c.body != pair.second) continue;
-        information += (Mat3::Identity() - c.direction_N * c.direction_N.transpose()) / (c.sigma_across_m * c.sigma_across_m);
+        information +=
+            (Mat3::Identity() - c.direction_N * c.direction_N.transpose()) / (c.sigma_across_m * c.sigma_across_m);
       }
       const double trace = information.inverse().trace();
       EXPECT_NEAR(pair.figure_of_merit_m / std::sqrt(trace), 1.0, 1e-6);
@@ -76,14 +77,17 @@ TEST_F(Beacons, NamesTheFirstReasonAgainstEachPlanet) {
 
   settings.v_magnitude_limit = -10.0;
   settings.sun_exclusion_rad = 0.0;
-  for (const BeaconSelection s = select(5, settings); const BeaconCandidate& c : s.candidates()) EXPECT_EQ(c.verdict, BeaconVerdict::too_faint);
+  for (const BeaconSelection s = select(5, settings); const BeaconCandidate& c : s.candidates())
+    EXPECT_EQ(c.verdict, BeaconVerdict::too_faint);
   settings.v_magnitude_limit = 20.0;
   settings.max_angular_diameter_rad = 0.0;
-  for (const BeaconSelection s = select(5, settings); const BeaconCandidate& c : s.candidates()) EXPECT_EQ(c.verdict, BeaconVerdict::too_large);
+  for (const BeaconSelection s = select(5, settings); const BeaconCandidate& c : s.candidates())
+    EXPECT_EQ(c.verdict, BeaconVerdict::too_large);
   settings.max_angular_diameter_rad = 1.0;
   settings.min_separation_rad = kPi;
   settings.blend_magnitudes = 100.0;
-  for (const BeaconSelection s = select(5, settings); const BeaconCandidate& c : s.candidates()) EXPECT_EQ(c.verdict, BeaconVerdict::blended);
+  for (const BeaconSelection s = select(5, settings); const BeaconCandidate& c : s.candidates())
+    EXPECT_EQ(c.verdict, BeaconVerdict::blended);
   settings.candidates = {BodyId{2000001}, body::mars};
   const BeaconSelection s = select(5, settings);
   ASSERT_EQ(s.candidate_count, 2);

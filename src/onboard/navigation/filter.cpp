@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/navigation/filter.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+
+#include <Eigen/Cholesky>
 
 namespace astronav::navigation {
 namespace {
@@ -32,25 +33,35 @@ double mean_radius_m(BodyId body) {
   return constants ? constants->mean_radius_m : 0.0;
 }
 
-bool is_covariance(const Mat2& m) { return m.allFinite() && m(0, 0) > 0.0 && m.determinant() > 0.0; }
+bool is_covariance(const Mat2& m) {
+  return m.allFinite() && m(0, 0) > 0.0 && m.determinant() > 0.0;
+}
 
 double smaller_eigenvalue(const Mat2& m) {
   const double half_trace = 0.5 * m.trace();
   return half_trace - std::sqrt(std::max(half_trace * half_trace - m.determinant(), 0.0));
 }
 
-double quadratic(const Vec2& v, const Mat2& m) { return v.dot(m.inverse() * v); }
+double quadratic(const Vec2& v, const Mat2& m) {
+  return v.dot(m.inverse() * v);
+}
 
 }  // namespace
 
 const char* name(UpdateReason reason) {
   switch (reason) {
-    case UpdateReason::accepted: return "accepted";
-    case UpdateReason::gated: return "innovation beyond the gate";
-    case UpdateReason::out_of_view: return "prediction out of the camera's view";
-    case UpdateReason::no_ephemeris: return "no ephemeris";
-    case UpdateReason::before_filter: return "earlier than the filter's epoch";
-    case UpdateReason::bad_measurement: return "not a measurement";
+    case UpdateReason::accepted:
+      return "accepted";
+    case UpdateReason::gated:
+      return "innovation beyond the gate";
+    case UpdateReason::out_of_view:
+      return "prediction out of the camera's view";
+    case UpdateReason::no_ephemeris:
+      return "no ephemeris";
+    case UpdateReason::before_filter:
+      return "earlier than the filter's epoch";
+    case UpdateReason::bad_measurement:
+      return "not a measurement";
   }
   return "";
 }
@@ -152,16 +163,16 @@ double Filter::noise_scale(BodyId body) const {
   return 1.0;
 }
 
-// The bias forgets the last window: its rows leave the covariance, and come back with everything that will be the same in
-// all images of this one.
+// The bias forgets the last window: its rows leave the covariance, and come back with everything that will be the same
+// in all images of this one.
 void Filter::start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
   const BeaconErrors& errors = errors_of(measurement.body);
   const Mat23 by_body = errors.ephemeris_m * prediction.by_position;
   const Vec2 by_shift = errors.photocentre_fraction * (prediction.by_direction * prediction.sight.shift_N);
   const double repeating2 =
       settings_.bias.sigma * settings_.bias.sigma + measurement.repeating_sigma_px * measurement.repeating_sigma_px;
-  const Mat2 covariance = repeating2 * Mat2::Identity() + by_body * by_body.transpose() +
-                          by_shift * by_shift.transpose();
+  const Mat2 covariance =
+      repeating2 * Mat2::Identity() + by_body * by_body.transpose() + by_shift * by_shift.transpose();
 
   StateMatrix phi = StateMatrix::Identity();
   phi.bottomRightCorner<2, 2>().setZero();
@@ -216,7 +227,8 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   const Result<State> sun = ephemeris_->state(body::sun, body::solar_system_barycenter, measurement.mid_exposure);
   if (!body || !sun || !propagate_to(measurement.mid_exposure)) return rejected(UpdateReason::no_ephemeris);
 
-  const bool same_window = last_image_ && last_body_ == measurement.body && epoch_ - *last_image_ <= settings_.window_gap;
+  const bool same_window =
+      last_image_ && last_body_ == measurement.body && epoch_ - *last_image_ <= settings_.window_gap;
   if (last_body_ != measurement.body) rejections_ = {};
   if (!same_window) x_.segment<2>(index::bias).setZero();
   Result<PixelPrediction> prediction = predict(x_, measurement, *body, sun->p_m);
@@ -318,19 +330,23 @@ Result<DirectionPrediction> Filter::predict_direction(BodyId body) const {
   const BeaconErrors& errors = errors_of(body);
   const Mat3 by_body = errors.ephemeris_m * sight.by_position;
   const Vec3 by_shift = errors.photocentre_fraction * sight.shift_N;
-  return DirectionPrediction{sight.direction_N,
-                             by_pv * covariance_pv() * by_pv.transpose() + by_body * by_body.transpose() +
-                                 by_shift * by_shift.transpose(),
-                             sight.distance_m, sight.light_time_s};
+  return DirectionPrediction{
+      sight.direction_N,
+      by_pv * covariance_pv() * by_pv.transpose() + by_body * by_body.transpose() + by_shift * by_shift.transpose(),
+      sight.distance_m, sight.light_time_s};
 }
 
 State Filter::state() const {
   return {x_.segment<3>(index::position) * unit::length_m, x_.segment<3>(index::velocity) * unit::velocity_m_s};
 }
 
-double Filter::mass_kg() const { return x_[index::mass]; }
+double Filter::mass_kg() const {
+  return x_[index::mass];
+}
 
-StateVector Filter::state_vector() const { return x_.cwiseProduct(state_scales()); }
+StateVector Filter::state_vector() const {
+  return x_.cwiseProduct(state_scales());
+}
 
 StateMatrix Filter::covariance() const {
   const StateVector scales = state_scales();

@@ -62,8 +62,8 @@ struct FilterSettings {
 
 struct InitialState {
   Epoch epoch;
-  State state;                            // barycentric
-  Mat6 covariance = Mat6::Zero();         // of position and velocity: m, m/s
+  State state;                     // barycentric
+  Mat6 covariance = Mat6::Zero();  // of position and velocity: m, m/s
   double mass_kg = 25.0;
   double mass_sigma_kg = 0.0;
 };
@@ -82,19 +82,19 @@ struct UpdateResult {
   bool accepted = false;
   UpdateReason reason = UpdateReason::bad_measurement;
   Pixel predicted;
-  Vec2 innovation_px = Vec2::Zero();                // measured minus predicted, before the update
-  Mat2 innovation_covariance_px2 = Mat2::Zero();    // S
-  Mat2 noise_covariance_px2 = Mat2::Zero();         // R: centroid, attitude and their correlation
-  double nis = 0.0;                                 // innovation' S^-1 innovation, 2 degrees of freedom
+  Vec2 innovation_px = Vec2::Zero();              // measured minus predicted, before the update
+  Mat2 innovation_covariance_px2 = Mat2::Zero();  // S
+  Mat2 noise_covariance_px2 = Mat2::Zero();       // R: centroid, attitude and their correlation
+  double nis = 0.0;                               // innovation' S^-1 innovation, 2 degrees of freedom
   int iterations = 0;
-  bool window_started = false;                      // the line-of-sight bias was started anew
-  bool recovered = false;                           // the recovery rule enlarged the covariance before this update
+  bool window_started = false;  // the line-of-sight bias was started anew
+  bool recovered = false;       // the recovery rule enlarged the covariance before this update
 };
 
 // Apparent direction of a body as the filter expects it, for the image processing.
 struct DirectionPrediction {
-  Vec3 direction_N;             // light time, aberration, centre of light as in the settings; unit
-  Mat3 covariance;              // of the unit vector, N: position, velocity, ephemeris (rank 2)
+  Vec3 direction_N;  // light time, aberration, centre of light as in the settings; unit
+  Mat3 covariance;   // of the unit vector, N: position, velocity, ephemeris (rank 2)
   double distance_m = 0.0;
   double light_time_s = 0.0;
 };
@@ -117,11 +117,11 @@ class Filter {
   void set_thrust(const Thrust& thrust) { thrust_ = thrust; }
 
   Epoch epoch() const { return epoch_; }
-  State state() const;                   // barycentric, SI
+  State state() const;  // barycentric, SI
   double mass_kg() const;
-  StateVector state_vector() const;      // SI, order of state.h
-  StateMatrix covariance() const;        // SI
-  Mat6 covariance_pv() const;            // position and velocity, SI
+  StateVector state_vector() const;       // SI, order of state.h
+  StateMatrix covariance() const;         // SI
+  Mat6 covariance_pv() const;             // position and velocity, SI
   double noise_scale(BodyId body) const;  // adaptive R, 1 where nothing was learnt
   const FilterSettings& settings() const { return settings_; }
 

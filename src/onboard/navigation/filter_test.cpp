@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/navigation/filter.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <atomic>
 #include <new>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 #include "foundation/math/statistics.h"
 #include "onboard/navigation/arc_for_tests.h"
@@ -18,8 +19,12 @@ std::atomic<long> allocations{0};
   if (void* p = std::malloc(size)) return p;
   std::abort();
 }
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p) noexcept {
+  std::free(p);
+}
+[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept {
+  std::free(p);
+}
 
 namespace astronav::navigation {
 namespace {
@@ -48,8 +53,9 @@ struct ImageNoise {
   double roll = 9.0 * kArcsecond;
   double dither_px = 50.0;
 };
-BeaconMeasurement photograph(const State& truth, BodyId body, Epoch epoch, const Intrinsics& camera, const ImageNoise& noise,
-                             RandomStream* random, const Eigen::Vector4d& xi_c = Eigen::Vector4d::Zero(),
+BeaconMeasurement photograph(const State& truth, BodyId body, Epoch epoch, const Intrinsics& camera,
+                             const ImageNoise& noise, RandomStream* random,
+                             const Eigen::Vector4d& xi_c = Eigen::Vector4d::Zero(),
                              const Vec2& middle_px = Vec2::Zero()) {
   const auto normal = [random] { return random ? random->normal() : 0.0; };
   BeaconMeasurement m;
@@ -62,12 +68,14 @@ BeaconMeasurement photograph(const State& truth, BodyId body, Epoch epoch, const
   real.fx_px *= 1.0 + xi_c[0];
   real.fy_px *= 1.0 + xi_c[0];
   real.distortion.k1 += xi_c[1];
-  const Vec2 pixel = project(real, R * direction).value().vec() + xi_c.tail<2>() + noise.pixel * Vec2(normal(), normal());
+  const Vec2 pixel =
+      project(real, R * direction).value().vec() + xi_c.tail<2>() + noise.pixel * Vec2(normal(), normal());
   m.pixel = {pixel.x(), pixel.y()};
   m.pixel_covariance_px2 = noise.pixel * noise.pixel * Mat2::Identity();
   const Vec3 theta(noise.cross * normal(), noise.cross * normal(), noise.roll * normal());
   m.R_CN = rotation_exp(theta) * R;  // R_true = exp(-[theta]x) R_measured
-  m.attitude_covariance_rad2 = Vec3(noise.cross * noise.cross, noise.cross * noise.cross, noise.roll * noise.roll).asDiagonal();
+  m.attitude_covariance_rad2 =
+      Vec3(noise.cross * noise.cross, noise.cross * noise.cross, noise.roll * noise.roll).asDiagonal();
   return m;
 }
 
@@ -90,7 +98,8 @@ std::array<BodyId, 2> best_pair(const State& observer, Epoch epoch) {
   for (std::size_t i = 0; i < seen.size(); ++i) {
     for (std::size_t j = i + 1; j < seen.size(); ++j) {
       const double w1 = seen[i].weight, w2 = seen[j].weight;
-      const double trace = 1.0 / (w1 + w2) + (w1 + w2) / (w1 * w2 * seen[i].direction.cross(seen[j].direction).squaredNorm());
+      const double trace =
+          1.0 / (w1 + w2) + (w1 + w2) / (w1 * w2 * seen[i].direction.cross(seen[j].direction).squaredNorm());
       if (trace < least) best = {seen[i].body, seen[j].body}, least = trace;
     }
   }
@@ -129,7 +138,8 @@ class Truth {
       const Vec3 before = xi_a_;
       for (double& a : xi_a_) a = evolve(a, settings_.process.acceleration, h);
       const Vec3 after = xi_a_;
-      state_ = fly(state_, epoch_, h, 0.0, [&](double t) -> Vec3 { return before + (after - before) * (t / h.seconds()); });
+      state_ =
+          fly(state_, epoch_, h, 0.0, [&](double t) -> Vec3 { return before + (after - before) * (t / h.seconds()); });
       xi_c_[0] = evolve(xi_c_[0], settings_.focal, h);
       xi_c_[1] = evolve(xi_c_[1], settings_.k1, h);
       xi_c_[2] = evolve(xi_c_[2], settings_.bias, h);
@@ -182,7 +192,8 @@ Consistency fly_campaign(const FilterSettings& truth_settings, const FilterSetti
     for (int cycle = 0; cycle < cycles; ++cycle) {
       for (int window = 0; window < 2; ++window) {
         for (int image = 0; image < kImages; ++image) {
-          const Epoch epoch = start.epoch + kCycle * cycle + (window ? kSecondWindow : Duration()) + kImagePeriod * image;
+          const Epoch epoch =
+              start.epoch + kCycle * cycle + (window ? kSecondWindow : Duration()) + kImagePeriod * image;
           truth.move_to(epoch);
           if (image == 0) truth.start_window();
           const BeaconMeasurement m = photograph(truth.state(), pairs[cycle][window], epoch, settings.camera, {},
@@ -219,7 +230,7 @@ TEST(FilterConsistency, NeesAndNisAreThoseOfAFilterThatKnowsItsErrors) {
   const double nees = mean(c.nees_of_run);
   const double sigma = standard_deviation(c.nees_of_run) / std::sqrt(40.0);
   EXPECT_NEAR(nees, 6.0, 3.56 * sigma) << "t of 39 degrees at 0.9995";
-  EXPECT_LT(sigma, 0.75);  // or the band could not fail
+  EXPECT_LT(sigma, 0.75);     // or the band could not fail
   EXPECT_LT(c.rejected, 15);  // 1e-4 of 28,800 are 2.9: more than 14 once in 1e6
   RecordProperty("nees", std::to_string(nees));
   RecordProperty("nees_sigma", std::to_string(sigma));
@@ -241,7 +252,8 @@ TEST(FilterConsistency, AFilterWithoutTheBiasIsFoundOut) {
 
 struct Bound {
   double pixel, attitude_arcsec, bias_arcsec, acceleration;
-  double position_km, velocity_m_s;  // worst axis, 3 sigma: linear covariance analysis, docs/theory/navigation.md table 3
+  double position_km,
+      velocity_m_s;  // worst axis, 3 sigma: linear covariance analysis, docs/theory/navigation.md table 3
 };
 
 class FilterBound : public ::testing::TestWithParam<Bound> {};
@@ -252,7 +264,8 @@ TEST_P(FilterBound, IsThatOfLinearCovarianceAnalysis) {
   FilterSettings settings = plain_settings();
   settings.process.acceleration.sigma = b.acceleration;
   settings.bias = {.sigma = b.bias_arcsec * kArcsecond * settings.camera.fx_px, .tau_s = 10.0 * 86400.0};
-  const ImageNoise noise{.pixel = b.pixel, .cross = b.attitude_arcsec * kArcsecond, .roll = 10.0 * b.attitude_arcsec * kArcsecond};
+  const ImageNoise noise{
+      .pixel = b.pixel, .cross = b.attitude_arcsec * kArcsecond, .roll = 10.0 * b.attitude_arcsec * kArcsecond};
   const Start& start = cruise_start();
   Filter filter(settings, kernel());
   ASSERT_TRUE(filter.initialise({start.epoch, start.state, diagonal_covariance(1e7, 100.0)}));
@@ -267,7 +280,8 @@ TEST_P(FilterBound, IsThatOfLinearCovarianceAnalysis) {
                           kImagePeriod * (image % kImages);
       truth = fly(truth, at, epoch - at);
       at = epoch;
-      ASSERT_TRUE(filter.update(photograph(truth, pair[image / kImages], epoch, settings.camera, noise, nullptr)).accepted);
+      ASSERT_TRUE(
+          filter.update(photograph(truth, pair[image / kImages], epoch, settings.camera, noise, nullptr)).accepted);
     }
     const double day = (at - departure()).days();
     if (day > 50.0 && day < 260.0) {
@@ -286,8 +300,10 @@ TEST_P(FilterBound, IsThatOfLinearCovarianceAnalysis) {
   EXPECT_NEAR(velocity, b.velocity_m_s, 0.2 * b.velocity_m_s);
 }
 INSTANTIATE_TEST_SUITE_P(Cases, FilterBound,
-                         ::testing::Values(Bound{0.05, 1.3, 0.0, 1e-8, 711.0, 0.135}, Bound{0.05, 1.3, 0.5, 1e-8, 868.0, 0.166},
-                                           Bound{0.03, 0.4, 0.3, 1e-8, 574.0, 0.112}, Bound{0.005, 0.0, 0.0, 1e-8, 168.0, 0.051}));
+                         ::testing::Values(Bound{0.05, 1.3, 0.0, 1e-8, 711.0, 0.135},
+                                           Bound{0.05, 1.3, 0.5, 1e-8, 868.0, 0.166},
+                                           Bound{0.03, 0.4, 0.3, 1e-8, 574.0, 0.112},
+                                           Bound{0.005, 0.0, 0.0, 1e-8, 168.0, 0.051}));
 
 // ---- numerics
 
@@ -303,13 +319,15 @@ TEST(FilterNumerics, CovarianceStaysSymmetricAndPositiveOver300Days) {
   for (int day = 0; day < 296; ++day) {
     const Epoch epoch = start.epoch + Duration::days(day);
     if (day > 0) truth = fly(truth, epoch - Duration::days(1.0), Duration::days(1.0));
-    filter.update(photograph(truth, beacons[day % 3], epoch, settings.camera, {.pixel = 0.001, .cross = 0.0, .roll = 0.0}, &random));
+    filter.update(photograph(truth, beacons[day % 3], epoch, settings.camera,
+                             {.pixel = 0.001, .cross = 0.0, .roll = 0.0}, &random));
     const StateMatrix P = filter.covariance();
     const StateVector scale = P.diagonal().cwiseSqrt().cwiseInverse();
     ASSERT_TRUE(scale.allFinite()) << day;
     const StateMatrix normalised = scale.asDiagonal() * P * scale.asDiagonal();
     ASSERT_LT((normalised - normalised.transpose()).cwiseAbs().maxCoeff(), 1e-12);
-    const double least = Eigen::SelfAdjointEigenSolver<StateMatrix>(normalised, Eigen::EigenvaluesOnly).eigenvalues()[0];
+    const double least =
+        Eigen::SelfAdjointEigenSolver<StateMatrix>(normalised, Eigen::EigenvaluesOnly).eigenvalues()[0];
     ASSERT_GT(least, 0.0) << day;
     ASSERT_NEAR(filter.covariance_pv()(1, 4) / P(1, 4), 1.0, 1e-9);
   }
@@ -399,7 +417,8 @@ TEST_F(FilterUpdate, IterationFindsTheWayFromAHundredThousandKilometres) {
       settings.max_iterations = iterations;
       Filter filter = started(guess, 1e8, 100.0);
       // The Earth is near (8e5 km): a bent sight.
-      const UpdateResult r = filter.update(photograph(truth, body::earth, epoch, settings.camera, {.pixel = 0.01, .cross = 0.0, .roll = 0.0}, nullptr));
+      const UpdateResult r = filter.update(
+          photograph(truth, body::earth, epoch, settings.camera, {.pixel = 0.01, .cross = 0.0, .roll = 0.0}, nullptr));
       if (!r.accepted) continue;
       const Vec3 sight = (barycentric(body::earth, epoch).p_m - truth.p_m).normalized();
       const double across = sight.cross(filter.state().p_m - truth.p_m).norm();
@@ -480,7 +499,8 @@ TEST_F(FilterUpdate, StartsTheBiasAnewForAnotherBeaconAndAfterAGap) {
   Filter filter = started(truth, 1e4, 0.01);
   const auto look = [&](BodyId body, double seconds) {
     const Epoch at = epoch + Duration::seconds(seconds);
-    return filter.update(photograph(fly(truth, epoch, Duration::seconds(seconds)), body, at, settings.camera, {.cross = 0, .roll = 0}, nullptr));
+    return filter.update(photograph(fly(truth, epoch, Duration::seconds(seconds)), body, at, settings.camera,
+                                    {.cross = 0, .roll = 0}, nullptr));
   };
   const auto bias_sigma = [&] { return std::sqrt(filter.covariance()(index::bias, index::bias)); };
   EXPECT_TRUE(look(body::mars, 100).window_started);
@@ -493,7 +513,8 @@ TEST_F(FilterUpdate, StartsTheBiasAnewForAnotherBeaconAndAfterAGap) {
   EXPECT_TRUE(r.window_started);
   // Bias and the ephemeris' share of it, plus noise: all that makes S (the state is known).
   const double by_ephemeris = 5e7 / filter.predict_direction(body::jupiter)->distance_m * settings.camera.fx_px;
-  EXPECT_NEAR(std::sqrt(r.innovation_covariance_px2(0, 0)), std::sqrt(0.05 * 0.05 + 0.1 * 0.1 + by_ephemeris * by_ephemeris), 1e-3);
+  EXPECT_NEAR(std::sqrt(r.innovation_covariance_px2(0, 0)),
+              std::sqrt(0.05 * 0.05 + 0.1 * 0.1 + by_ephemeris * by_ephemeris), 1e-3);
 }
 
 TEST_F(FilterUpdate, PredictsADirectionWithItsCovariance) {
@@ -503,7 +524,8 @@ TEST_F(FilterUpdate, PredictsADirectionWithItsCovariance) {
   EXPECT_LT(angle_between(p.direction_N, exact_direction(truth, body::mars, epoch)) / kMilliarcsecond, 1.0);
   const double sigma = std::sqrt(p.covariance.trace() / 2.0);  // two directions across
   EXPECT_NEAR(sigma, std::hypot(std::hypot(1e7, 3e6) / p.distance_m, 100.0 / kSpeedOfLight), 1e-3 * sigma);
-  EXPECT_LT(std::abs(p.direction_N.dot(p.covariance * p.direction_N)), 1e-6 * sigma * sigma);  // nothing along the sight
+  EXPECT_LT(std::abs(p.direction_N.dot(p.covariance * p.direction_N)),
+            1e-6 * sigma * sigma);  // nothing along the sight
   EXPECT_EQ(filter.predict_direction(BodyId{2000001}).error().code, ErrorCode::not_found);
 }
 
@@ -518,7 +540,8 @@ TEST_F(FilterUpdate, AdaptiveNoiseLearnsTheScale) {
   for (int image = 1; image <= 1000; ++image) {
     const Epoch at = epoch + Duration::seconds(100.0 * image);
     now = fly(now, at - Duration::seconds(100.0), Duration::seconds(100.0));
-    BeaconMeasurement m = photograph(now, body::mars, at, settings.camera, {.pixel = 0.1, .cross = 0, .roll = 0}, &random);
+    BeaconMeasurement m =
+        photograph(now, body::mars, at, settings.camera, {.pixel = 0.1, .cross = 0, .roll = 0}, &random);
     m.pixel_covariance_px2 = 0.05 * 0.05 * Mat2::Identity();
     EXPECT_TRUE(filter.update(m).accepted);
   }

@@ -12,16 +12,16 @@ namespace astronav::navigation {
 struct BeaconMeasurement {
   BodyId body;
   Epoch mid_exposure;
-  Pixel pixel;                      // centre of light on the detector
-  Mat2 pixel_covariance_px2;        // of the centroid alone
-  // What repeats from image to image of a window, per axis, 1 sigma: not averaged by more images (a saturated spot's wings
-  // that are not as believed). The filter carries it in its line-of-sight bias.
+  Pixel pixel;                // centre of light on the detector
+  Mat2 pixel_covariance_px2;  // of the centroid alone
+  // What repeats from image to image of a window, per axis, 1 sigma: not averaged by more images (a saturated spot's
+  // wings that are not as believed). The filter carries it in its line-of-sight bias.
   double repeating_sigma_px = 0.0;
-  Mat3 R_CN = Mat3::Identity();     // attitude from the stars of the same frame
+  Mat3 R_CN = Mat3::Identity();  // attitude from the stars of the same frame
   // Of the attitude error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
   Mat3 attitude_covariance_rad2 = Mat3::Zero();
-  // Correlation of centroid and attitude error, E[e_pixel theta'] (px rad); zero where the planet's pixel took no part in
-  // the attitude.
+  // Correlation of centroid and attitude error, E[e_pixel theta'] (px rad); zero where the planet's pixel took no part
+  // in the attitude.
   Eigen::Matrix<double, 2, 3> pixel_attitude_covariance = Eigen::Matrix<double, 2, 3>::Zero();
 };
 

@@ -28,8 +28,9 @@ Sight apparent_sight(const State& observer, const State& body, const Vec3& p_sun
                      const SightSettings& settings) {
   Sight sight;
 
-  // Light time: |d + V tau| = c tau with d from body to observer is a quadratic equation (eq. 4); the body's acceleration
-  // is put in afterwards (eq. 5), since it changes tau itself by less than 0.1 ms: metres of the planet's way.
+  // Light time: |d + V tau| = c tau with d from body to observer is a quadratic equation (eq. 4); the body's
+  // acceleration is put in afterwards (eq. 5), since it changes tau itself by less than 0.1 ms: metres of the planet's
+  // way.
   const Vec3 d = observer.p_m - body.p_m;
   Vec3 v_emission = body.v_m_s;
   Vec3 l = -d;
@@ -51,8 +52,8 @@ Sight apparent_sight(const State& observer, const State& body, const Vec3& p_sun
     const Vec3 s = l / sight.distance_m;
     const Vec3 to_sun = (p_sun_O_N - observer.p_m - l).normalized();
     const double alpha = std::acos(std::clamp(-s.dot(to_sun), -1.0, 1.0));
-    const Vec3 shift_m = settings.centre_of_light_scale * radius_m * lambert_shift_over_sine(alpha) *
-                         (to_sun - s * s.dot(to_sun));
+    const Vec3 shift_m =
+        settings.centre_of_light_scale * radius_m * lambert_shift_over_sine(alpha) * (to_sun - s * s.dot(to_sun));
     sight.shift_N = shift_m / sight.distance_m;
     l += shift_m;
   }

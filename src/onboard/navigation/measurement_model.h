@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From the state of spacecraft and planet to a pixel: light time, aberration, centre of light, attitude, projection, each
-// with its derivative. Closed form, no iteration. docs/theory/navigation.md section 3.
+// From the state of spacecraft and planet to a pixel: light time, aberration, centre of light, attitude, projection,
+// each with its derivative. Closed form, no iteration. docs/theory/navigation.md section 3.
 #pragma once
 
 #include "foundation/base/error.h"
@@ -12,7 +12,7 @@ namespace astronav::navigation {
 struct SightSettings {
   bool light_time = true;
   bool aberration = true;
-  bool centre_of_light = true;       // where the lit part of a sphere has its centroid, instead of its centre
+  bool centre_of_light = true;         // where the lit part of a sphere has its centroid, instead of its centre
   double centre_of_light_scale = 1.0;  // 1 is Lambert's law
 };
 
@@ -20,26 +20,26 @@ struct SightSettings {
 double lambert_shift(double phase_angle_rad);
 
 struct Sight {
-  Vec3 direction_N;              // apparent, unit
-  Vec3 p_body_from_observer_N;   // centre of the body at emission minus observer at reception, m
-  double distance_m = 0.0;       // at emission
+  Vec3 direction_N;             // apparent, unit
+  Vec3 p_body_from_observer_N;  // centre of the body at emission minus observer at reception, m
+  double distance_m = 0.0;      // at emission
   double light_time_s = 0.0;
-  Vec3 shift_N = Vec3::Zero();   // of the centre of light on the sky, rad (before aberration)
-  Mat3 by_position;              // of the direction by the observer's position, 1/m
-  Mat3 by_velocity;              // ... and velocity, s/m
+  Vec3 shift_N = Vec3::Zero();  // of the centre of light on the sky, rad (before aberration)
+  Mat3 by_position;             // of the direction by the observer's position, 1/m
+  Mat3 by_velocity;             // ... and velocity, s/m
 };
 
-// `body` is the geometric barycentric state at the epoch of the observer (not retarded), p_sun_O_N the Sun's place then.
-// The body's acceleration is taken from the Sun's attraction. radius_m is used for the centre of light only.
+// `body` is the geometric barycentric state at the epoch of the observer (not retarded), p_sun_O_N the Sun's place
+// then. The body's acceleration is taken from the Sun's attraction. radius_m is used for the centre of light only.
 Sight apparent_sight(const State& observer, const State& body, const Vec3& p_sun_O_N, double radius_m,
                      const SightSettings& settings);
 
 struct PixelPrediction {
   Vec2 pixel;
-  Mat23 by_position;                     // px/m
-  Mat23 by_velocity;                     // px s/m
-  Mat23 by_direction;                    // px, by the apparent direction's components in N
-  Mat23 by_attitude;                     // px/rad: theta of R_CN_true = exp(-[theta]x) R_CN, so +J [p_C]x
+  Mat23 by_position;                      // px/m
+  Mat23 by_velocity;                      // px s/m
+  Mat23 by_direction;                     // px, by the apparent direction's components in N
+  Mat23 by_attitude;                      // px/rad: theta of R_CN_true = exp(-[theta]x) R_CN, so +J [p_C]x
   Eigen::Matrix<double, 2, 4> by_camera;  // by xi_c: relative focal length, k1, bias u, bias v
   Sight sight;
 };

@@ -19,12 +19,13 @@ TEST(Sight, AgreesWithIteratedLightTimeAndExactAberrationToAMilliarcsecond) {
   Epoch epoch = cruise_start().epoch;
   std::map<int, double> largest;
   for (int step = 0; step < 29; ++step) {
-    for (const Case& c : {Case{body::mercury, 1.0}, Case{body::venus, 1.0}, Case{body::earth, 1.0}, Case{body::mars, 1.0},
-                          Case{body::jupiter, 1.0}, Case{body::saturn, 1.0}}) {
+    for (const Case& c : {Case{body::mercury, 1.0}, Case{body::venus, 1.0}, Case{body::earth, 1.0},
+                          Case{body::mars, 1.0}, Case{body::jupiter, 1.0}, Case{body::saturn, 1.0}}) {
       const State body = barycentric(c.body, epoch);
       const Vec3 sun = barycentric(body::sun, epoch).p_m;
       const Sight sight = apparent_sight(observer, body, sun, 0.0, {.centre_of_light = false});
-      const double error_mas = angle_between(sight.direction_N, exact_direction(observer, c.body, epoch)) / kMilliarcsecond;
+      const double error_mas =
+          angle_between(sight.direction_N, exact_direction(observer, c.body, epoch)) / kMilliarcsecond;
       EXPECT_LT(error_mas, c.limit_mas) << body_name(c.body) << " on day " << 10 * step;
       largest[c.body.value] = std::max(largest[c.body.value], error_mas);
       const LightTime exact = light_time(kernel(), c.body, observer, epoch).value();
@@ -33,13 +34,15 @@ TEST(Sight, AgreesWithIteratedLightTimeAndExactAberrationToAMilliarcsecond) {
 
       // Without the body's acceleration (sun infinitely far away) Mercury is worse: so the term does something.
       const Sight linear = apparent_sight(observer, body, Vec3::Constant(1e20), 0.0, {.centre_of_light = false});
-      largest_linear = std::max(largest_linear,
-                                angle_between(linear.direction_N, exact_direction(observer, c.body, epoch)) / kMilliarcsecond);
+      largest_linear =
+          std::max(largest_linear,
+                   angle_between(linear.direction_N, exact_direction(observer, c.body, epoch)) / kMilliarcsecond);
     }
     observer = fly(observer, epoch, Duration::days(10.0));
     epoch = epoch + Duration::days(10.0);
   }
-  for (const auto& [id, mas] : largest) ::testing::Test::RecordProperty(std::string(body_name(BodyId{id})), std::to_string(mas));
+  for (const auto& [id, mas] : largest)
+    ::testing::Test::RecordProperty(std::string(body_name(BodyId{id})), std::to_string(mas));
   EXPECT_GT(largest_linear, 5.0);
   EXPECT_LT(largest_linear, 30.0);
 }
@@ -50,8 +53,10 @@ TEST(Sight, LeavingLightTimeOrAberrationOutCostsArcseconds) {
   const State mars = barycentric(body::mars, epoch);
   const Vec3 sun = barycentric(body::sun, epoch).p_m;
   const Vec3 truth = exact_direction(observer, body::mars, epoch);
-  const Vec3 no_light_time = apparent_sight(observer, mars, sun, 0.0, {.light_time = false, .centre_of_light = false}).direction_N;
-  const Vec3 no_aberration = apparent_sight(observer, mars, sun, 0.0, {.aberration = false, .centre_of_light = false}).direction_N;
+  const Vec3 no_light_time =
+      apparent_sight(observer, mars, sun, 0.0, {.light_time = false, .centre_of_light = false}).direction_N;
+  const Vec3 no_aberration =
+      apparent_sight(observer, mars, sun, 0.0, {.aberration = false, .centre_of_light = false}).direction_N;
   EXPECT_GT(angle_between(no_light_time, truth) / kArcsecond, 1.0);
   EXPECT_GT(angle_between(no_aberration, truth) / kArcsecond, 1.0);
 }
@@ -94,7 +99,8 @@ TEST(Sight, CentreOfLightMovesTowardsTheSun) {
   EXPECT_GT(moved.dot(sun - body.p_m), 0.0);
   EXPECT_NEAR(moved.norm() * a.distance_m, radius * lambert_shift(45.0 * kDegree), 1.0);
   shifted.centre_of_light_scale = 0.5;
-  EXPECT_NEAR((apparent_sight(observer, body, sun, radius, shifted).direction_N - a.direction_N).norm() / moved.norm(), 0.5, 1e-6);
+  EXPECT_NEAR((apparent_sight(observer, body, sun, radius, shifted).direction_N - a.direction_N).norm() / moved.norm(),
+              0.5, 1e-6);
 }
 
 class PixelDerivatives : public ::testing::Test {
@@ -123,25 +129,31 @@ TEST_F(PixelDerivatives, AgreeWithCentralDifferences) {
       const auto difference = [&](auto change, double step) -> Vec2 {
         return (change(step) - change(-step)) / (2.0 * step);
       };
-      const Vec2 by_position = difference([&](double h) -> Vec2 {
-        State s = observer;
-        s.p_m[axis] += h;
-        return at(body, s, Vec3::Zero(), xi_c).pixel;
-      }, 1e6);
+      const Vec2 by_position = difference(
+          [&](double h) -> Vec2 {
+            State s = observer;
+            s.p_m[axis] += h;
+            return at(body, s, Vec3::Zero(), xi_c).pixel;
+          },
+          1e6);
       EXPECT_LT((by_position - p.by_position.col(axis)).norm(), 2e-3 * p.by_position.norm()) << body_name(body);
-      const Vec2 by_velocity = difference([&](double h) -> Vec2 {
-        State s = observer;
-        s.v_m_s[axis] += h;
-        return at(body, s, Vec3::Zero(), xi_c).pixel;
-      }, 100.0);
+      const Vec2 by_velocity = difference(
+          [&](double h) -> Vec2 {
+            State s = observer;
+            s.v_m_s[axis] += h;
+            return at(body, s, Vec3::Zero(), xi_c).pixel;
+          },
+          100.0);
       EXPECT_LT((by_velocity - p.by_velocity.col(axis)).norm(), 1e-3 * p.by_velocity.norm()) << body_name(body);
-      const Vec2 by_theta = difference([&](double h) { return at(body, observer, h * Vec3::Unit(axis), xi_c).pixel; }, 1e-5);
+      const Vec2 by_theta =
+          difference([&](double h) { return at(body, observer, h * Vec3::Unit(axis), xi_c).pixel; }, 1e-5);
       EXPECT_LT((by_theta - p.by_attitude.col(axis)).norm(), 1e-6 * p.by_attitude.norm()) << body_name(body);
     }
     for (int i = 0; i < 4; ++i) {
       const double h = 1e-5;
       const Vec2 by_xi = (at(body, observer, Vec3::Zero(), xi_c + h * Eigen::Vector4d::Unit(i)).pixel -
-                          at(body, observer, Vec3::Zero(), xi_c - h * Eigen::Vector4d::Unit(i)).pixel) / (2.0 * h);
+                          at(body, observer, Vec3::Zero(), xi_c - h * Eigen::Vector4d::Unit(i)).pixel) /
+                         (2.0 * h);
       EXPECT_LT((by_xi - p.by_camera.col(i)).norm(), 1e-3 * p.by_camera.col(i).norm()) << i;
     }
   }
@@ -157,7 +169,9 @@ TEST_F(PixelDerivatives, OfPositionIsExactForAPoint) {
     State up = observer, down = observer;
     up.p_m[axis] += 1e6;
     down.p_m[axis] -= 1e6;
-    const Vec3 numeric = (apparent_sight(up, venus, sun, 0.0, point).direction_N - apparent_sight(down, venus, sun, 0.0, point).direction_N) / 2e6;
+    const Vec3 numeric = (apparent_sight(up, venus, sun, 0.0, point).direction_N -
+                          apparent_sight(down, venus, sun, 0.0, point).direction_N) /
+                         2e6;
     EXPECT_LT((numeric - sight.by_position.col(axis)).norm(), 1e-6 * sight.by_position.norm());
   }
 }

@@ -7,7 +7,7 @@
 namespace astronav::navigation {
 namespace {
 
-constexpr double kSolarPressure = 4.56e-6;     // N/m2 at 1 AU
+constexpr double kSolarPressure = 4.56e-6;    // N/m2 at 1 AU
 constexpr double kStandardGravity = 9.80665;  // m/s2
 
 // Position and velocity, and their derivatives by position, velocity, mass, xi_a, xi_T at the beginning of the step.
@@ -29,7 +29,9 @@ void thrust_axes(const Vec3& u, Vec3& e1, Vec3& e2) {
 
 }  // namespace
 
-StateMatrix FactorisedCovariance::dense() const { return u * d.asDiagonal() * u.transpose(); }
+StateMatrix FactorisedCovariance::dense() const {
+  return u * d.asDiagonal() * u.transpose();
+}
 
 Result<FactorisedCovariance> factorise(const StateMatrix& P) {
   FactorisedCovariance out;
@@ -240,7 +242,8 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
   out.phi.diagonal().segment<3>(index::thrust) = phi_t;
 
   // Process noise: white noise that drives xi at s before the end of the step has grown by then into xi, velocity and
-  // position (gravity's gradient within one step is left out). Gauss-Legendre over the step gives columns of Q directly.
+  // position (gravity's gradient within one step is left out). Gauss-Legendre over the step gives columns of Q
+  // directly.
   constexpr double kNode = 0.38729833462074169;  // sqrt(3/20)
   constexpr double nodes[3] = {0.5 - kNode, 0.5, 0.5 + kNode};
   constexpr double shares[3] = {5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0};
@@ -253,14 +256,12 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
       const double decay_less_one = std::expm1(-rate * s);
       out.noise.n(state, column) = 1.0 + decay_less_one;
       out.noise.n.col(column).segment<3>(index::velocity) = influence * (-decay_less_one / rate);
-      out.noise.n.col(column).segment<3>(index::position) =
-          influence * ((rate * s + decay_less_one) / (rate * rate));
+      out.noise.n.col(column).segment<3>(index::position) = influence * ((rate * s + decay_less_one) / (rate * rate));
       out.noise.q[column] = 2.0 * sigma * sigma * rate * step * shares[i];
     }
   };
   const double sigma_a = settings_.acceleration.sigma / unit::acceleration_m_s2;
-  for (int axis = 0; axis < 3; ++axis)
-    drive(index::acceleration + axis, Vec3::Unit(axis), sigma_a, rate_a);
+  for (int axis = 0; axis < 3; ++axis) drive(index::acceleration + axis, Vec3::Unit(axis), sigma_a, rate_a);
   const double thrust_acceleration = thrust.force_n / (mass * unit::acceleration_m_s2);
   for (int axis = 0; axis < 3; ++axis)
     drive(index::thrust + axis, thrust_acceleration * thrust_frame.col(axis),

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The filter's dynamics and its factorised covariance in time. Written apart from the simulator's dynamics on purpose.
 //
-// Forces: point masses in barycentric coordinates, solar radiation pressure on a sphere, thrust (none in ballistic mode),
-// a Gauss-Markov acceleration. The frame's origin is inertial, so the attractions simply add up; but then no planet may be
-// left out because its tide is small: Uranus pulls the Sun and the spacecraft alike, and only the Sun's share is in the
-// ephemeris (7e-10 m/s2, 260 m after 10 days). docs/theory/navigation.md section 1.
+// Forces: point masses in barycentric coordinates, solar radiation pressure on a sphere, thrust (none in ballistic
+// mode), a Gauss-Markov acceleration. The frame's origin is inertial, so the attractions simply add up; but then no
+// planet may be left out because its tide is small: Uranus pulls the Sun and the spacecraft alike, and only the Sun's
+// share is in the ephemeris (7e-10 m/s2, 260 m after 10 days). docs/theory/navigation.md section 1.
 #pragma once
 
 #include <array>
@@ -31,10 +31,10 @@ struct ProcessSettings {
                                                 body::uranus_barycenter,
                                                 body::neptune_barycenter,
                                                 BodyId{}};
-  double reflectivity_area_m2 = 0.65;  // CR * A
-  GaussMarkov acceleration{.sigma = 1e-8, .tau_s = 5.0 * 86400.0};         // m/s2 per axis
-  GaussMarkov thrust_magnitude{.sigma = 0.005, .tau_s = 86400.0};          // relative
-  GaussMarkov thrust_pointing{.sigma = 0.3 * kDegree, .tau_s = 86400.0};   // rad per axis
+  double reflectivity_area_m2 = 0.65;                                     // CR * A
+  GaussMarkov acceleration{.sigma = 1e-8, .tau_s = 5.0 * 86400.0};        // m/s2 per axis
+  GaussMarkov thrust_magnitude{.sigma = 0.005, .tau_s = 86400.0};         // relative
+  GaussMarkov thrust_pointing{.sigma = 0.3 * kDegree, .tau_s = 86400.0};  // rad per axis
   // Steps are this share of sqrt(d^3/GM) of the Sun, or 0.4 of it of a planet, whichever is shortest.
   double step_share = 0.006;
   Duration max_step = Duration::seconds(43200.0);
@@ -76,7 +76,7 @@ class Process {
   Result<void> check(Epoch epoch) const;
 
   struct Step {
-    StateMatrix phi;     // d x(t + h) / d x(t)
+    StateMatrix phi;  // d x(t + h) / d x(t)
     ProcessNoise noise;
   };
   // Step length that keeps RK4's error below 1 m in ten days.

@@ -50,7 +50,9 @@ TEST(FactorisedCovariance, TimeUpdateIsPhiPPhiPlusQ) {
     for (double& x : noise.q) x = random.uniform();
     FactorisedCovariance factors = factorise(P).value();
     time_update(factors, phi, noise);
-    EXPECT_LT(relative_difference(factors.dense(), phi * P * phi.transpose() + noise.n * noise.q.asDiagonal() * noise.n.transpose()), 1e-10);
+    EXPECT_LT(relative_difference(factors.dense(),
+                                  phi * P * phi.transpose() + noise.n * noise.q.asDiagonal() * noise.n.transpose()),
+              1e-10);
   }
 }
 
@@ -81,7 +83,9 @@ class Flight : public ::testing::Test {
     x[index::mass] = mass;
     return x;
   }
-  static State unscaled(const StateVector& x) { return {x.head<3>() * unit::length_m, x.segment<3>(3) * unit::velocity_m_s}; }
+  static State unscaled(const StateVector& x) {
+    return {x.head<3>() * unit::length_m, x.segment<3>(3) * unit::velocity_m_s};
+  }
 
   StateVector propagate(StateVector x, Epoch from, Duration span, const Thrust& thrust = {}, StateMatrix* phi = nullptr,
                         StateMatrix* q = nullptr, int* steps = nullptr) const {
@@ -94,7 +98,10 @@ class Flight : public ::testing::Test {
       const Duration h = std::min(process.step_length(from, x).value(), end - from);
       EXPECT_TRUE(process.step(from, h, thrust, x, step));
       if (phi) *phi = (step.phi * *phi).eval();
-      if (q) *q = (step.phi * *q * step.phi.transpose() + step.noise.n * step.noise.q.asDiagonal() * step.noise.n.transpose()).eval();
+      if (q)
+        *q =
+            (step.phi * *q * step.phi.transpose() + step.noise.n * step.noise.q.asDiagonal() * step.noise.n.transpose())
+                .eval();
       if (steps) ++*steps;
       from = from + h;
     }
@@ -142,12 +149,14 @@ TEST_F(Flight, TransitionMatrixAgreesWithCentralDifferences) {
     StateMatrix phi;
     propagate(x, s.epoch, span, now, &phi);
     StateVector steps;
-    steps << Vec3::Constant(1e-6), Vec3::Constant(1e-6), 1e-2, Vec3::Constant(1e-4), Vec3::Constant(1e-3), Eigen::Vector4d::Constant(1e-3);
+    steps << Vec3::Constant(1e-6), Vec3::Constant(1e-6), 1e-2, Vec3::Constant(1e-4), Vec3::Constant(1e-3),
+        Eigen::Vector4d::Constant(1e-3);
     for (int j = 0; j < kStates; ++j) {
       StateVector up = x, down = x;
       up[j] += steps[j];
       down[j] -= steps[j];
-      const StateVector numeric = (propagate(up, s.epoch, span, now) - propagate(down, s.epoch, span, now)) / (2.0 * steps[j]);
+      const StateVector numeric =
+          (propagate(up, s.epoch, span, now) - propagate(down, s.epoch, span, now)) / (2.0 * steps[j]);
       for (int i = 0; i < kStates; ++i) {
         // Six digits of the largest entry in the same triple of rows.
         const double scale = phi.col(j).segment(i - (i < 6 ? i % 3 : 0), i < 6 ? 3 : 1).cwiseAbs().maxCoeff();
@@ -173,8 +182,8 @@ TEST_F(Flight, ThrustAndItsErrorsAreFlownAsAnotherIntegratorFliesThem) {
   EXPECT_NEAR(end[index::mass], 25.0 - flow * 5.0 * 86400.0, 1e-9);
 }
 
-// Q against a Monte Carlo that drives the acceleration with small exact steps and integrates it twice, no gravity needed:
-// the closed form of a double integral of a Gauss-Markov process.
+// Q against a Monte Carlo that drives the acceleration with small exact steps and integrates it twice, no gravity
+// needed: the closed form of a double integral of a Gauss-Markov process.
 TEST_F(Flight, ProcessNoiseIsThatOfTheContinuousLaw) {
   const Start& s = cruise_start();
   const double days = 10.0, T = days * 86400.0, tau = settings.acceleration.tau_s, sigma = settings.acceleration.sigma;
@@ -191,19 +200,23 @@ TEST_F(Flight, ProcessNoiseIsThatOfTheContinuousLaw) {
     position2 += 2.0 * sigma * sigma / tau * g * g * T / n;
   }
   for (int axis = 0; axis < 3; ++axis) {
-    EXPECT_NEAR(std::sqrt(q(7 + axis, 7 + axis)) * unit::acceleration_m_s2, sigma * std::sqrt(1.0 - e * e), 1e-6 * sigma);
+    EXPECT_NEAR(std::sqrt(q(7 + axis, 7 + axis)) * unit::acceleration_m_s2, sigma * std::sqrt(1.0 - e * e),
+                1e-6 * sigma);
     EXPECT_NEAR(std::sqrt(q(3 + axis, 3 + axis)) * unit::velocity_m_s / std::sqrt(velocity2), 1.0, 0.02);
     EXPECT_NEAR(std::sqrt(q(axis, axis)) * unit::length_m / std::sqrt(position2), 1.0, 0.02);
   }
-  EXPECT_NEAR(q(index::bias, index::bias), camera.sigma * camera.sigma * (1.0 - std::exp(-2.0 * T / camera.tau_s)), 1e-12);
+  EXPECT_NEAR(q(index::bias, index::bias), camera.sigma * camera.sigma * (1.0 - std::exp(-2.0 * T / camera.tau_s)),
+              1e-12);
 }
 
 TEST(Process, SaysWhatIsWrongWithItsSettings) {
   const GaussMarkov fine{.sigma = 1.0, .tau_s = 1.0};
   ProcessSettings settings;
   EXPECT_TRUE(Process(settings, kernel(), fine, fine, fine).check(departure()));
-  EXPECT_EQ(Process(settings, kernel(), fine, fine, fine).check(Epoch::parse("2199-01-01 TDB").value()).error().code, ErrorCode::out_of_range);
-  EXPECT_EQ(Process(settings, kernel(), {.sigma = 1.0, .tau_s = 0.0}, fine, fine).check(departure()).error().code, ErrorCode::invalid_argument);
+  EXPECT_EQ(Process(settings, kernel(), fine, fine, fine).check(Epoch::parse("2199-01-01 TDB").value()).error().code,
+            ErrorCode::out_of_range);
+  EXPECT_EQ(Process(settings, kernel(), {.sigma = 1.0, .tau_s = 0.0}, fine, fine).check(departure()).error().code,
+            ErrorCode::invalid_argument);
   settings.attractors[0] = body::venus_barycenter;
   EXPECT_EQ(Process(settings, kernel(), fine, fine, fine).check(departure()).error().code, ErrorCode::invalid_argument);
 }

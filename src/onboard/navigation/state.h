@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 17 states of the filter, in one place: their order, meaning, scales and the Gauss-Markov laws that drive ten of them.
+// The 17 states of the filter, in one place: their order, meaning, scales and the Gauss-Markov laws that drive ten of
+// them.
 //
 //   0..2   p       position, barycentric, ICRF axes (N), m
 //   3..5   v       velocity, N, m/s
@@ -36,8 +37,8 @@ struct GaussMarkov {
   double tau_s = 1.0;
 };
 
-// The filter's own units: AU, the time in which a planet at 1 AU moves by one radian (58 days), kg, px. Everything inside
-// Process and Filter is in these; the outside sees SI only.
+// The filter's own units: AU, the time in which a planet at 1 AU moves by one radian (58 days), kg, px. Everything
+// inside Process and Filter is in these; the outside sees SI only.
 namespace unit {
 inline constexpr double length_m = kAstronomicalUnit;
 inline constexpr double time_s = 5022642.891;  // sqrt(AU^3 / GM_sun); only a scale, so its last digits do not matter

@@ -12,7 +12,9 @@
 namespace astronav::dynamics {
 namespace {
 
-const Ephemeris& ephemeris() { return testing::shipped_ephemeris(); }
+const Ephemeris& ephemeris() {
+  return testing::shipped_ephemeris();
+}
 Epoch when() {
   return Epoch::parse("2027-03-01T00:00:00 TDB").value();
 }

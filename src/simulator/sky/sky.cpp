@@ -57,15 +57,14 @@ Result<std::optional<SkySource>> planet(const Look& look, BodyId id) {
   const Vec3 p_from_observer = seen->relative.p_m;
   if (!(p_from_observer.norm() > 2.0 * constants->mean_radius_m)) return nothing;
 
-  const Epoch departure =
-      look.settings.light_time ? look.epoch - Duration::seconds(seen->light_time_s) : look.epoch;
+  const Epoch departure = look.settings.light_time ? look.epoch - Duration::seconds(seen->light_time_s) : look.epoch;
   const Result<State> from_sun = look.ephemeris.state(*held, body::sun, departure);
   if (!from_sun) return forward(from_sun);
   const Illumination light{from_sun->p_m, p_from_observer, departure};
   Vec3 origin = p_from_observer;
   if (look.settings.centre_of_light) {
-    const double shift = look.settings.centre_of_light_scale *
-                         lambert_photocentre_shift(constants->mean_radius_m, phase_angle(light));
+    const double shift =
+        look.settings.centre_of_light_scale * lambert_photocentre_shift(constants->mean_radius_m, phase_angle(light));
     origin = centre_of_light(p_from_observer, from_sun->p_m, shift);
   }
   const Vec3 direction = look.apparent(origin.normalized());
@@ -89,13 +88,8 @@ double lambert_photocentre_shift(double radius_m, double phase_angle_rad) {
 
 Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
                                          const BandPhotometry& band, const SkySettings& settings) const {
-  const Look look{*ephemeris_,
-                  epoch,
-                  observer_O,
-                  axis_N.normalized(),
-                  std::cos(std::min(radius_rad, kPi)),
-                  band,
-                  settings};
+  const Look look{*ephemeris_, epoch,   observer_O, axis_N.normalized(), std::cos(std::min(radius_rad, kPi)),
+                  band,        settings};
   std::vector<SkySource> sources;
   for (const BodyId id : kBodies) {
     const auto seen = planet(look, id);
@@ -103,8 +97,8 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
     if (*seen) sources.push_back(**seen);
   }
 
-  // The catalogue knows places at J2000 from the barycentre at rest: the cone is turned back by aberration and widened by
-  // what aberration stretches, proper motion and parallax (below 1 arcsec times the distance in au) can bring in.
+  // The catalogue knows places at J2000 from the barycentre at rest: the cone is turned back by aberration and widened
+  // by what aberration stretches, proper motion and parallax (below 1 arcsec times the distance in au) can bring in.
   const double beta = settings.aberration ? observer_O.v_m_s.norm() / kSpeedOfLight : 0.0;
   const Vec3 centre = settings.aberration ? unaberrate(look.axis_N, observer_O.v_m_s) : look.axis_N;
   const double widened = radius_rad * std::sqrt((1.0 + beta) / (1.0 - beta)) + beta +

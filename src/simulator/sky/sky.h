@@ -26,10 +26,10 @@ struct SkySource {
 };
 
 struct SkySettings {
-  double max_v_mag = 8.0;             // of stars
+  double max_v_mag = 8.0;  // of stars
   bool aberration = true;
   bool light_time = true;
-  bool centre_of_light = true;        // planets at their photocentre; false: at the centre of figure (the paper's way)
+  bool centre_of_light = true;         // planets at their photocentre; false: at the centre of figure (the paper's way)
   double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
 };
 
@@ -43,8 +43,8 @@ class Sky {
   Sky(const Ephemeris& ephemeris, const StarCatalogue& catalogue) : ephemeris_(&ephemeris), catalogue_(&catalogue) {}
 
   // All sources within `radius_rad` of the apparent direction `axis_N`, brightest first: stars not fainter than
-  // max_v_mag, Mercury to Neptune, Earth and Moon as far as the kernels hold them, without those in or right above which
-  // (two radii) the observer is. `observer_O` is the barycentric state. out_of_range beyond the ephemeris.
+  // max_v_mag, Mercury to Neptune, Earth and Moon as far as the kernels hold them, without those in or right above
+  // which (two radii) the observer is. `observer_O` is the barycentric state. out_of_range beyond the ephemeris.
   Result<std::vector<SkySource>> look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
                                       const BandPhotometry& band, const SkySettings& settings) const;
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/sky/sky.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
+
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/rotation.h"
@@ -33,8 +33,8 @@ class SkyTest : public ::testing::Test {
 
   State earth() const { return *ephemeris_.state(body::earth, body::solar_system_barycenter, epoch_); }
   const SkySource* find(const std::vector<SkySource>& sources, SourceKind kind, std::int64_t id) const {
-    const auto it = std::find_if(sources.begin(), sources.end(),
-                                 [&](const SkySource& s) { return s.kind == kind && s.id == id; });
+    const auto it =
+        std::find_if(sources.begin(), sources.end(), [&](const SkySource& s) { return s.kind == kind && s.id == id; });
     return it == sources.end() ? nullptr : &*it;
   }
   std::vector<SkySource> all_sky(const State& observer, const SkySettings& settings) const {
@@ -80,8 +80,8 @@ TEST_F(SkyTest, BrightestFirstAndSiriusLeadsTheStars) {
   const auto sources = all_sky(earth(), {.max_v_mag = 4.0});
   EXPECT_TRUE(std::is_sorted(sources.begin(), sources.end(),
                              [](const SkySource& a, const SkySource& b) { return a.v_mag < b.v_mag; }));
-  const auto first_star = std::find_if(sources.begin(), sources.end(),
-                                       [](const SkySource& s) { return s.kind == SourceKind::star; });
+  const auto first_star =
+      std::find_if(sources.begin(), sources.end(), [](const SkySource& s) { return s.kind == SourceKind::star; });
   ASSERT_NE(first_star, sources.end());
   EXPECT_EQ(first_star->id, 32349);
   EXPECT_NEAR(first_star->v_mag, -1.44, 0.02);
@@ -91,8 +91,8 @@ TEST_F(SkyTest, BrightestFirstAndSiriusLeadsTheStars) {
 
 TEST_F(SkyTest, AnObserverOnEarthSeesAllButEarth) {
   const auto sources = all_sky(earth(), {.max_v_mag = 0.0});
-  for (const BodyId id : {body::mercury, body::venus, body::moon, body::mars, body::jupiter, body::saturn, body::uranus,
-                          body::neptune}) {
+  for (const BodyId id :
+       {body::mercury, body::venus, body::moon, body::mars, body::jupiter, body::saturn, body::uranus, body::neptune}) {
     EXPECT_NE(find(sources, SourceKind::planet, id.value), nullptr) << id.value;
   }
   EXPECT_EQ(find(sources, SourceKind::planet, body::earth.value), nullptr);
@@ -165,8 +165,7 @@ TEST_F(SkyTest, ThePhotocentreLiesTowardsTheSun) {
 }
 
 TEST_F(SkyTest, BeyondTheEphemerisIsAnError) {
-  const auto sources =
-      sky_.look(*Epoch::parse("2100-01-01 TDB"), {}, Vec3::UnitX(), 0.1, band_, SkySettings{});
+  const auto sources = sky_.look(*Epoch::parse("2100-01-01 TDB"), {}, Vec3::UnitX(), 0.1, band_, SkySettings{});
   ASSERT_FALSE(sources);
   EXPECT_EQ(sources.error().code, ErrorCode::out_of_range);
 }

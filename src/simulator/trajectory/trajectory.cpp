@@ -174,7 +174,8 @@ TrajectoryPtr from_arc(dynamics::Arc arc) {
 
 Result<Oem> to_oem(const Trajectory& trajectory, Epoch begin, Epoch end, Duration step) {
   constexpr std::int64_t kMost = 10'000'000;
-  if (end < begin) return fail(ErrorCode::invalid_argument, "the end lies {0} d before the begin", {(begin - end).days()});
+  if (end < begin)
+    return fail(ErrorCode::invalid_argument, "the end lies {0} d before the begin", {(begin - end).days()});
   if (step <= Duration{} || (end - begin).nanoseconds() / step.nanoseconds() > kMost) {
     return fail(ErrorCode::invalid_argument, "cannot take states over {0} s in steps of {1} s (at most {2} of them)",
                 {(end - begin).seconds(), step.seconds(), static_cast<double>(kMost)});

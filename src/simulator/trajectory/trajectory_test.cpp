@@ -7,13 +7,14 @@
 
 #include <gtest/gtest.h>
 
-
 #include "support/shipped_ephemeris.h"
 
 namespace astronav::trajectory {
 namespace {
 
-const Ephemeris& ephemeris() { return testing::shipped_ephemeris(); }
+const Ephemeris& ephemeris() {
+  return testing::shipped_ephemeris();
+}
 Epoch day(double d) {
   return Epoch::parse("2027-01-01T00:00:00 TDB").value() + Duration::days(d);
 }

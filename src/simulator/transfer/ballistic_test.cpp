@@ -6,13 +6,14 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-
 #include "support/shipped_ephemeris.h"
 
 namespace astronav::transfer {
 namespace {
 
-const Ephemeris& ephemeris() { return testing::shipped_ephemeris(); }
+const Ephemeris& ephemeris() {
+  return testing::shipped_ephemeris();
+}
 Epoch date(const char* text) {
   return Epoch::parse(text, TimeScale::tdb).value();
 }

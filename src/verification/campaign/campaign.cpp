@@ -2,8 +2,6 @@
 // Flying, storing and reading back.
 #include "verification/campaign/campaign.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <atomic>
 #include <charconv>
@@ -11,9 +9,11 @@
 #include <fstream>
 #include <map>
 #include <mutex>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <thread>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "foundation/files/mapped_file.h"
 
@@ -25,8 +25,9 @@ using Json = nlohmann::ordered_json;
 constexpr const char* kFormat = "astronav campaign 1";
 
 std::string header_line(const Identity& id) {
-  return Json{{"format", kFormat},     {"name", id.name},             {"level", id.level},
-              {"version", id.version}, {"first_seed", id.first_seed}, {"scenario", id.scenario_toml}}
+  return Json{{"format", kFormat},           {"name", id.name},
+              {"level", id.level},           {"version", id.version},
+              {"first_seed", id.first_seed}, {"scenario", id.scenario_toml}}
       .dump();
 }
 
@@ -95,11 +96,16 @@ Result<Outcome> read_file(const std::filesystem::path& path) {
     const std::string where = fmt::format("{}:{}", path.string(), line_number);
     if (line_number == 1) {
       const Json header = Json::parse(line, nullptr, false);
-      const auto text = [&](const char* key) { return header.contains(key) && header[key].is_string() ? header[key].get<std::string>() : ""; };
-      if (!header.is_object() || text("format") != kFormat || !header.contains("first_seed") || !header["first_seed"].is_number_unsigned()) {
-        return fail(ErrorCode::corrupt_data, "not a file of a campaign (the first line must say \"astronav campaign 1\")", {}, where);
+      const auto text = [&](const char* key) {
+        return header.contains(key) && header[key].is_string() ? header[key].get<std::string>() : "";
+      };
+      if (!header.is_object() || text("format") != kFormat || !header.contains("first_seed") ||
+          !header["first_seed"].is_number_unsigned()) {
+        return fail(ErrorCode::corrupt_data,
+                    "not a file of a campaign (the first line must say \"astronav campaign 1\")", {}, where);
       }
-      outcome.identity = {text("scenario"), text("name"), text("level"), text("version"), header["first_seed"].get<std::uint64_t>()};
+      outcome.identity = {text("scenario"), text("name"), text("level"), text("version"),
+                          header["first_seed"].get<std::uint64_t>()};
       continue;
     }
     auto sample = read_sample(line, where);
@@ -153,26 +159,34 @@ Result<Shard> parse_shard(std::string_view text) {
     const auto second = std::from_chars(first.ptr + 1, end, shard.count);
     if (second.ec == std::errc() && second.ptr == end && shard.index >= 1 && shard.index <= shard.count) return shard;
   }
-  return fail(ErrorCode::invalid_argument, "\"{s}\" is not a shard: expected i/n with 1 <= i <= n, like 3/8", {}, "--shard", text);
+  return fail(ErrorCode::invalid_argument, "\"{s}\" is not a shard: expected i/n with 1 <= i <= n, like 3/8", {},
+              "--shard", text);
 }
 
-Result<Outcome> run(const scenario::Draft& draft, const Options& options, const Fly& fly, const ProgressSink& progress) {
-  if (options.samples < 1) return fail(ErrorCode::invalid_argument, "{0} samples: at least 1 is needed", {static_cast<double>(options.samples)}, "--samples");
-  if (options.jobs < 1) return fail(ErrorCode::invalid_argument, "{0} jobs: at least 1 is needed", {static_cast<double>(options.jobs)}, "--jobs");
+Result<Outcome> run(const scenario::Draft& draft, const Options& options, const Fly& fly,
+                    const ProgressSink& progress) {
+  if (options.samples < 1)
+    return fail(ErrorCode::invalid_argument, "{0} samples: at least 1 is needed",
+                {static_cast<double>(options.samples)}, "--samples");
+  if (options.jobs < 1)
+    return fail(ErrorCode::invalid_argument, "{0} jobs: at least 1 is needed", {static_cast<double>(options.jobs)},
+                "--jobs");
   const auto named = draft.resolve(options.first_seed);
   if (!named) return forward(named);
   const Identity identity{draft.to_toml(), named->mission.name, options.level, options.version, options.first_seed};
 
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
-  if (error) return fail(ErrorCode::io_failure, "cannot make the folder: {s}", {}, options.out.string(), error.message());
+  if (error)
+    return fail(ErrorCode::io_failure, "cannot make the folder: {s}", {}, options.out.string(), error.message());
   const std::filesystem::path path = file_of(options);
   std::map<std::uint64_t, Sample> samples;
   if (std::filesystem::exists(path)) {
     auto before = read_file(path);
     if (!before) return before;
     if (before->identity != identity) {
-      return fail(ErrorCode::invalid_argument, "holds a campaign of another scenario, level, version or seed; name another folder with --out", {},
+      return fail(ErrorCode::invalid_argument,
+                  "holds a campaign of another scenario, level, version or seed; name another folder with --out", {},
                   path.string());
     }
     for (Sample& sample : before->samples) {
@@ -197,7 +211,9 @@ Result<Outcome> run(const scenario::Draft& draft, const Options& options, const 
   std::mutex mutex;  // over samples, store and progress
   std::size_t done = wanted.size() - missing.size();
   const auto tell = [&](std::uint64_t seed) {
-    if (progress) progress(static_cast<double>(done) / static_cast<double>(wanted.size()), fmt::format("{} of {}, seed {}", done, wanted.size(), seed));
+    if (progress)
+      progress(static_cast<double>(done) / static_cast<double>(wanted.size()),
+               fmt::format("{} of {}, seed {}", done, wanted.size(), seed));
   };
   const auto work = [&] {
     while (true) {
@@ -241,7 +257,8 @@ Result<Outcome> merge(const std::vector<std::filesystem::path>& places) {
     }
   }
   if (files.empty()) {
-    return fail(ErrorCode::not_found, "no samples*.jsonl of a campaign found there", {}, places.empty() ? "merge" : places.front().string());
+    return fail(ErrorCode::not_found, "no samples*.jsonl of a campaign found there", {},
+                places.empty() ? "merge" : places.front().string());
   }
   Outcome all;
   std::map<std::uint64_t, Sample> samples;
@@ -250,7 +267,8 @@ Result<Outcome> merge(const std::vector<std::filesystem::path>& places) {
     if (!part) return part;
     if (file == *files.begin()) all.identity = part->identity;
     if (part->identity != all.identity) {
-      return fail(ErrorCode::invalid_argument, "is of another campaign than {s}", {}, file.string(), files.begin()->string());
+      return fail(ErrorCode::invalid_argument, "is of another campaign than {s}", {}, file.string(),
+                  files.begin()->string());
     }
     for (Sample& sample : part->samples) {
       const auto [it, inserted] = samples.try_emplace(sample.seed, sample);
@@ -275,10 +293,12 @@ std::string slurm_script(std::string_view scenario, const Options& options, int 
       "#SBATCH --mem-per-cpu=1G\n"
       "#SBATCH --requeue\n"
       "set -euo pipefail\n"
-      "astronav campaign '{scenario}' --level {level} --seed {seed} --samples {samples} --jobs \"$SLURM_CPUS_PER_TASK\" \\\n"
+      "astronav campaign '{scenario}' --level {level} --seed {seed} --samples {samples} --jobs "
+      "\"$SLURM_CPUS_PER_TASK\" \\\n"
       "  --shard \"$SLURM_ARRAY_TASK_ID/{shards}\" --out '{out}'\n",
-      fmt::arg("samples", options.samples), fmt::arg("scenario", scenario), fmt::arg("shards", shards), fmt::arg("out", out),
-      fmt::arg("jobs", options.jobs), fmt::arg("level", options.level), fmt::arg("seed", options.first_seed));
+      fmt::arg("samples", options.samples), fmt::arg("scenario", scenario), fmt::arg("shards", shards),
+      fmt::arg("out", out), fmt::arg("jobs", options.jobs), fmt::arg("level", options.level),
+      fmt::arg("seed", options.first_seed));
 }
 
 }  // namespace astronav::campaign

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Campaign: the same scenario flown with many seeds, over threads and machines, and the figures of all of them together.
+// Campaign: the same scenario flown with many seeds, over threads and machines, and the figures of all of them
+// together.
 //
-// Sample i of a campaign is the run with seed `first_seed + i`: `astronav run SCENARIO --seed K` replays it. Each result is
-// one line of samples.jsonl (samples.i-of-n.jsonl for a shard), appended when the sample is done, so that a campaign that
-// was stopped goes on where it was. The first line names scenario, level, version and first seed; a folder that holds
-// another campaign is refused.
+// Sample i of a campaign is the run with seed `first_seed + i`: `astronav run SCENARIO --seed K` replays it. Each
+// result is one line of samples.jsonl (samples.i-of-n.jsonl for a shard), appended when the sample is done, so that a
+// campaign that was stopped goes on where it was. The first line names scenario, level, version and first seed; a
+// folder that holds another campaign is refused.
 #pragma once
 
 #include <array>
@@ -71,8 +72,8 @@ struct Outcome {
 // Called from several threads at once.
 using Fly = std::function<Result<loop::Records>(const scenario::Scenario&, std::uint64_t seed, std::uint64_t sample)>;
 
-// Flies what is still missing of this shard, and returns all samples of the folder that belong to it. Samples that failed
-// before are flown again.
+// Flies what is still missing of this shard, and returns all samples of the folder that belong to it. Samples that
+// failed before are flown again.
 Result<Outcome> run(const scenario::Draft& draft, const Options& options, const Fly& fly, const ProgressSink& progress);
 
 // All samples found in these folders (or .jsonl files), which must be of one campaign; a seed found twice counts once.
@@ -92,8 +93,8 @@ struct Statistics {
 Result<Statistics> statistics(const Outcome& outcome);
 
 // The pooled summary with `confidence_95` beside it: for each figure of errors, NEES, NIS and vision a pair [lo, hi]:
-// bootstrap over whole samples (1000 resamples, percentiles), which keeps the correlation inside a run; null for fewer than
-// 3 samples.
+// bootstrap over whole samples (1000 resamples, percentiles), which keeps the correlation inside a run; null for fewer
+// than 3 samples.
 std::string summary_json(const Outcome& outcome, const Statistics& statistics);
 std::string samples_csv(const Outcome& outcome);
 std::string to_text(const Outcome& outcome, const Statistics& statistics);

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/campaign/campaign.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <sstream>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include "foundation/files/mapped_file.h"
 #include "support/synthetic_records.h"
@@ -27,7 +27,8 @@ class Campaign : public ::testing::Test {
     options_.samples = 6;
     fly_ = [this](const scenario::Scenario&, std::uint64_t seed, std::uint64_t) -> Result<loop::Records> {
       ++flights_;
-      if (seed == fail_seed_) return fail(ErrorCode::not_converged, "seed {0} went astray", {static_cast<double>(seed)});
+      if (seed == fail_seed_)
+        return fail(ErrorCode::not_converged, "seed {0} went astray", {static_cast<double>(seed)});
       return astronav::testing::synthetic_records({.seed = seed, .cycles = 8, .images_per_window = 4});
     };
   }
@@ -41,7 +42,9 @@ class Campaign : public ::testing::Test {
   scenario::Draft draft_;
 };
 
-std::string figures(const Outcome& outcome) { return samples_csv(outcome); }
+std::string figures(const Outcome& outcome) {
+  return samples_csv(outcome);
+}
 
 TEST_F(Campaign, TheOrderOfWorkChangesNothing) {
   const auto one = run(draft_, options_, fly_, {});
@@ -54,7 +57,8 @@ TEST_F(Campaign, TheOrderOfWorkChangesNothing) {
   ASSERT_TRUE(three);
   EXPECT_EQ(figures(*one), figures(*three));
   // A sample is the run with its seed.
-  const loop::Summary alone = loop::summarize(astronav::testing::synthetic_records({.seed = 3, .cycles = 8, .images_per_window = 4}));
+  const loop::Summary alone =
+      loop::summarize(astronav::testing::synthetic_records({.seed = 3, .cycles = 8, .images_per_window = 4}));
   EXPECT_EQ(loop::to_json(alone), loop::to_json(one->samples[2].summary));
 }
 
@@ -120,9 +124,10 @@ TEST_F(Campaign, HostileFilesAreRefused) {
   std::filesystem::create_directories(folder_);
   EXPECT_FALSE(merge({folder_}));
   EXPECT_FALSE(merge({folder_ / "nothing"}));
-  for (const char* text : {"", "\n", "[]\n", "{}\n", "{\"format\":\"astronav campaign 1\"}\n", "not json\n",
-                           "{\"format\":\"astronav campaign 1\",\"version\":\"1\",\"first_seed\":1}\n{\"seed\":-1}\n",
-                           "{\"format\":\"astronav campaign 1\",\"version\":\"1\",\"first_seed\":1}\n{\"seed\":1,\"summary\":3}\n"}) {
+  for (const char* text :
+       {"", "\n", "[]\n", "{}\n", "{\"format\":\"astronav campaign 1\"}\n", "not json\n",
+        "{\"format\":\"astronav campaign 1\",\"version\":\"1\",\"first_seed\":1}\n{\"seed\":-1}\n",
+        "{\"format\":\"astronav campaign 1\",\"version\":\"1\",\"first_seed\":1}\n{\"seed\":1,\"summary\":3}\n"}) {
     ASSERT_TRUE(write_file(folder_ / "samples.jsonl", text));
     EXPECT_FALSE(merge({folder_})) << text;
     EXPECT_FALSE(run(draft_, options_, fly_, {})) << text;
@@ -164,7 +169,8 @@ TEST_F(Campaign, SamplesTableIsRectangular) {
 TEST(Shard, Texts) {
   EXPECT_EQ(parse_shard("3/8")->index, 3);
   EXPECT_EQ(parse_shard("3/8")->count, 8);
-  for (const char* wrong : {"", "3", "0/8", "9/8", "3/", "/8", "a/b", "3/8x", "-1/8"}) EXPECT_FALSE(parse_shard(wrong)) << wrong;
+  for (const char* wrong : {"", "3", "0/8", "9/8", "3/", "/8", "a/b", "3/8x", "-1/8"})
+    EXPECT_FALSE(parse_shard(wrong)) << wrong;
 }
 
 TEST(Slurm, ScriptNamesItsShards) {

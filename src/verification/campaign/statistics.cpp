@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pooled figures with confidence intervals.
-#include <fmt/format.h>
+#include "foundation/math/statistics.h"
 
 #include <algorithm>
 #include <cmath>
 #include <map>
+
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/random.h"
-#include "foundation/math/statistics.h"
 #include "verification/campaign/campaign.h"
 
 namespace astronav::campaign {
@@ -37,7 +38,8 @@ double worst_ratio(const loop::ErrorSummary& e) {
 Json figures(const loop::Summary& summary) {
   const Json all = Json::parse(loop::to_json(summary, -1));
   Json out;
-  for (const char* key : {"position_error_km", "velocity_error_m_s", "nees_mean", "nis_mean", "vision"}) out[key] = all[key];
+  for (const char* key : {"position_error_km", "velocity_error_m_s", "nees_mean", "nis_mean", "vision"})
+    out[key] = all[key];
   return out;
 }
 
@@ -47,7 +49,8 @@ Json confidence(const std::vector<loop::Summary>& runs) {
   RandomStream random(StreamId{.seed = 1, .purpose = "campaign bootstrap"});
   std::vector<loop::Summary> resampled(runs.size());
   for (int b = 0; b < kResamples; ++b) {
-    for (loop::Summary& r : resampled) r = runs[static_cast<std::size_t>(random.uniform() * static_cast<double>(runs.size()))];
+    for (loop::Summary& r : resampled)
+      r = runs[static_cast<std::size_t>(random.uniform() * static_cast<double>(runs.size()))];
     const Json flat = figures(loop::pool(resampled)).flatten();
     for (const auto& [path, value] : flat.items()) {
       if (value.is_number()) draws[path].push_back(value.get<double>());
@@ -61,14 +64,17 @@ Json confidence(const std::vector<loop::Summary>& runs) {
   return out;
 }
 
-std::string cell(double v) { return std::isnan(v) ? "" : fmt::format("{:.6g}", v); }
+std::string cell(double v) {
+  return std::isnan(v) ? "" : fmt::format("{:.6g}", v);
+}
 
 }  // namespace
 
 Result<Statistics> statistics(const Outcome& outcome) {
   const auto runs = flown_summaries(outcome);
   if (runs.empty()) {
-    return fail(ErrorCode::not_converged, "none of {0} samples flew; the first said: {s}", {static_cast<double>(outcome.samples.size())}, "",
+    return fail(ErrorCode::not_converged, "none of {0} samples flew; the first said: {s}",
+                {static_cast<double>(outcome.samples.size())}, "",
                 outcome.samples.empty() ? "nothing" : outcome.samples.front().error);
   }
   Statistics s;
@@ -89,10 +95,14 @@ std::string summary_json(const Outcome& outcome, const Statistics& s) {
   j.erase("seed");
   j.erase("sample");
   j["first_seed"] = outcome.identity.first_seed;
-  j["samples"] = {{"flown", s.flown}, {"failed", s.failed}, {"nis_inside_band", s.nis_inside_band}, {"nees_inside_band", s.nees_inside_band}};
+  j["samples"] = {{"flown", s.flown},
+                  {"failed", s.failed},
+                  {"nis_inside_band", s.nis_inside_band},
+                  {"nees_inside_band", s.nees_inside_band}};
   j["worst_ratio_to_formal"] = {{"position", s.worst_position_ratio}, {"velocity", s.worst_velocity_ratio}};
   j["confidence_95"] = confidence(flown_summaries(outcome));
-  j["confidence_method"] = fmt::format("bootstrap over whole samples, {} resamples, 2.5 % and 97.5 % percentiles", kResamples);
+  j["confidence_method"] =
+      fmt::format("bootstrap over whole samples, {} resamples, 2.5 % and 97.5 % percentiles", kResamples);
   return j.dump(2);
 }
 
@@ -103,8 +113,11 @@ std::string samples_csv(const Outcome& outcome) {
       for (const char* axis : {"x", "y", "z"}) out += fmt::format(",{}_{}_{}", what, axis, unit);
     }
   }
-  out += ",position_final_rss_km,velocity_final_rss_m_s,nees_mean,nees_band_lo,nees_band_hi,nis_mean,nis_band_lo,nis_band_hi,"
-         "attitude_success_rate,planet_success_rate,false_planets,centroid_error_px,planet_error_px,image_ms_median,wall_s,error\n";
+  out +=
+      ",position_final_rss_km,velocity_final_rss_m_s,nees_mean,nees_band_lo,nees_band_hi,nis_mean,nis_band_lo,nis_band_"
+      "hi,"
+      "attitude_success_rate,planet_success_rate,false_planets,centroid_error_px,planet_error_px,image_ms_median,wall_"
+      "s,error\n";
   for (const Sample& sample : outcome.samples) {
     if (!sample.flown()) {
       std::string error = sample.error;
@@ -120,10 +133,11 @@ std::string samples_csv(const Outcome& outcome) {
                              &p.end_of_coast.steady_3sigma_axis, &v.end_of_coast.steady_3sigma_axis}) {
       for (const double x : *axes) out += "," + cell(x);
     }
-    for (const double x : {p.final_rss, v.final_rss, s.nees_mean, s.nees_band_95.lo, s.nees_band_95.hi, s.nis_mean, s.nis_band_95.lo,
-                           s.nis_band_95.hi, s.vision.attitude_success_rate, s.vision.planet_success_rate,
-                           static_cast<double>(s.vision.false_planets), s.vision.centroid_error_px_1sigma,
-                           s.vision.planet_error_px_1sigma, s.image_ms_median, s.wall_s}) {
+    for (const double x :
+         {p.final_rss, v.final_rss, s.nees_mean, s.nees_band_95.lo, s.nees_band_95.hi, s.nis_mean, s.nis_band_95.lo,
+          s.nis_band_95.hi, s.vision.attitude_success_rate, s.vision.planet_success_rate,
+          static_cast<double>(s.vision.false_planets), s.vision.centroid_error_px_1sigma,
+          s.vision.planet_error_px_1sigma, s.image_ms_median, s.wall_s}) {
       out += "," + cell(x);
     }
     out += ",\n";
@@ -133,9 +147,11 @@ std::string samples_csv(const Outcome& outcome) {
 
 std::string to_text(const Outcome& outcome, const Statistics& s) {
   std::string out = loop::to_text(s.pooled);
-  out += fmt::format("  {} samples flown{}; NIS inside its band in {}, NEES in {}; worst sample at {:.2f} (position) and {:.2f} (velocity) of its own bound\n",
-                     s.flown, s.failed > 0 ? fmt::format(", {} failed", s.failed) : "", s.nis_inside_band, s.nees_inside_band,
-                     s.worst_position_ratio, s.worst_velocity_ratio);
+  out += fmt::format(
+      "  {} samples flown{}; NIS inside its band in {}, NEES in {}; worst sample at {:.2f} (position) and {:.2f} "
+      "(velocity) of its own bound\n",
+      s.flown, s.failed > 0 ? fmt::format(", {} failed", s.failed) : "", s.nis_inside_band, s.nees_inside_band,
+      s.worst_position_ratio, s.worst_velocity_ratio);
   for (const Sample& sample : outcome.samples) {
     if (!sample.flown()) out += fmt::format("  seed {} failed: {}\n", sample.seed, sample.error);
   }

@@ -55,6 +55,7 @@ vision::VisionSettings vision_settings(const scenario::Scenario& s) {
   settings.centroids.method =
       belief.centroid_method == "psf_fit" ? vision::CentroidMethod::psf_fit : vision::CentroidMethod::squared_intensity;
   settings.centroids.threshold_sigma = belief.threshold_sigma;
+  settings.centroids.max_centroids = belief.max_spots;
   settings.identify.match_px = belief.match_radius_px;
   settings.planets.gate_d2 = chi_square_quantile(belief.planet_gate_probability, 2.0);
   return settings;

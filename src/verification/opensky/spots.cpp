@@ -165,12 +165,13 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   const ImageF& image = picture.pixels;
   const int w = image.width(), h = image.height();
   if (w < 16 || h < 16) return out;
-  const Tiles tiles = measure(image, settings.tile_px, picture.bits <= 8 ? 1.0f : 0.0f);
+  const Tiles tiles = measure(image, settings.tile_px, picture.bits <= 16 ? 1.0f : 0.0f);
   std::vector<float> levels = tiles.level, spreads = tiles.spread;
   out.background_dn = middle_of(levels);
   out.noise_dn = std::max(middle_of(spreads), 1e-6f);
-  // Pictures of 8 bits, and all after JPEG, have flat parts whose noise is no measure of anything.
-  const float least = static_cast<float>(std::max(0.5 * out.noise_dn, picture.bits <= 8 ? 0.4 : 1e-6));
+  // Pictures of 8 bits, and all after JPEG, have flat parts whose noise is no measure of anything; whole numbers have at
+  // least the noise of their rounding.
+  const float least = static_cast<float>(std::max(0.5 * out.noise_dn, picture.bits <= 8 ? 0.4 : picture.bits <= 16 ? 0.29 : 1e-6));
 
   ImageF residual(w, h), contrast(w, h);
   for (int v = 0; v < h; ++v) {

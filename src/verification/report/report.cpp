@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/report/report.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "foundation/math/statistics.h"
 #include "foundation/raster/raster.h"
@@ -107,7 +107,9 @@ std::string page(std::string_view title, const Json& data) {
   return out.append(rest);
 }
 
-double day(const loop::Records& records, Epoch epoch) { return (epoch - loop::day_zero(records)).days(); }
+double day(const loop::Records& records, Epoch epoch) {
+  return (epoch - loop::day_zero(records)).days();
+}
 
 Json bounds95(double degrees) {
   return Json::array({chi_square_quantile(0.025, degrees), chi_square_quantile(0.975, degrees)});
@@ -146,7 +148,8 @@ Json error_columns(const loop::Records& records) {
 }
 
 Json image_columns(const loop::Records& records) {
-  Json index = Json::array(), days = Json::array(), bodies = Json::array(), stars = Json::array(), centroid = Json::array();
+  Json index = Json::array(), days = Json::array(), bodies = Json::array(), stars = Json::array(),
+       centroid = Json::array();
   std::array<Json, 2> innovation{Json::array(), Json::array()}, sigma{Json::array(), Json::array()};
   Axes attitude_error, attitude_sigma;
   for (const Event& e : records.events) {
@@ -163,7 +166,9 @@ Json image_columns(const loop::Records& records) {
     attitude_error.add(e.attitude_found ? Vec3(e.attitude_error_rad / kArcsecond) : Vec3::Constant(nan));
     attitude_sigma.add(e.attitude_found ? Vec3(e.attitude_sigma_rad / kArcsecond) : Vec3::Constant(nan));
     stars.push_back(e.stars_matched);
-    centroid.push_back(e.centroid_error_count > 0 ? short_number(std::sqrt(e.centroid_error_sum2_px2 / e.centroid_error_count)) : Json(nullptr));
+    centroid.push_back(e.centroid_error_count > 0
+                           ? short_number(std::sqrt(e.centroid_error_sum2_px2 / e.centroid_error_count))
+                           : Json(nullptr));
   }
   return {{"index", std::move(index)},
           {"day", std::move(days)},
@@ -195,7 +200,8 @@ Json window_columns(const loop::Records& records) {
     w.nis += e.nis;
     ++w.count;
   }
-  Json index = Json::array(), days = Json::array(), bodies = Json::array(), nis = Json::array(), lo = Json::array(), hi = Json::array();
+  Json index = Json::array(), days = Json::array(), bodies = Json::array(), nis = Json::array(), lo = Json::array(),
+       hi = Json::array();
   for (const auto& [key, w] : windows) {
     const Band band = chi_square_mean_band(0.95, 2.0, w.count);
     index.push_back(2 * key.first + key.second);
@@ -250,7 +256,8 @@ Json orbit(const loop::Records& records) {
     Json d = Json::array();
     for (int i = 0; i < 3; ++i) d.push_back(short_number((e.estimate.p_m[i] - e.truth.p_m[i]) / kAstronomicalUnit));
     error.push_back(std::move(d));
-    if (e.cycle >= loop::kFirstSteadyCycle) steady_error = std::max(steady_error, (e.estimate.p_m - e.truth.p_m).norm() / kAstronomicalUnit);
+    if (e.cycle >= loop::kFirstSteadyCycle)
+      steady_error = std::max(steady_error, (e.estimate.p_m - e.truth.p_m).norm() / kAstronomicalUnit);
     reach = std::max(reach, e.truth.p_m.norm() / kAstronomicalUnit);
   }
   for (int planet = 1; planet <= 8; ++planet) {
@@ -327,7 +334,8 @@ std::string mission_name(std::string_view scenario_toml) {
 Image<std::uint8_t> brighten(ImageView<const std::uint16_t> frame) {
   std::vector<double> sample;
   const int step = std::max(1, frame.width() * frame.height() / 40000);
-  for (int i = 0; i < frame.width() * frame.height(); i += step) sample.push_back(frame(i % frame.width(), i / frame.width()));
+  for (int i = 0; i < frame.width() * frame.height(); i += step)
+    sample.push_back(frame(i % frame.width(), i / frame.width()));
   const double background = median(sample);
   for (double& v : sample) v = std::abs(v - background);
   const double noise = std::max(1.0, 1.4826 * median(sample));
@@ -354,7 +362,9 @@ std::string mission_html(const loop::Records& records, const loop::Summary& summ
   const double fastest = records.image_ms.empty() ? 0.0 : quantile(records.image_ms, 0.0);
   const double slowest = records.image_ms.empty() ? 0.0 : quantile(records.image_ms, 0.995);
   const Epoch begin = loop::day_zero(records);
-  const Epoch end = records.end > records.begin ? records.end : records.events.empty() ? begin : records.events.back().epoch;
+  const Epoch end = records.end > records.begin ? records.end
+                    : records.events.empty()    ? begin
+                                                : records.events.back().epoch;
   const Json data = {
       {"kind", "mission"},
       {"title", name},
@@ -405,10 +415,14 @@ std::string campaign_html(const campaign::Outcome& outcome, const campaign::Stat
       for (std::size_t i = 0; i < 3; ++i) {
         formal[k].position_sigma_km[i] += w.position_sigma_km[i] * w.position_sigma_km[i];
         formal[k].velocity_sigma_m_s[i] += w.velocity_sigma_m_s[i] * w.velocity_sigma_m_s[i];
-        if (k >= static_cast<std::size_t>(loop::kFirstSteadyCycle)) normalised[i].push_back(w.position_km[i] / w.position_sigma_km[i]);
+        if (k >= static_cast<std::size_t>(loop::kFirstSteadyCycle))
+          normalised[i].push_back(w.position_km[i] / w.position_sigma_km[i]);
       }
     }
-    runs.push_back({{"seed", sample.seed}, {"day", std::move(days)}, {"position", position.take()}, {"velocity", velocity.take()}});
+    runs.push_back({{"seed", sample.seed},
+                    {"day", std::move(days)},
+                    {"position", position.take()},
+                    {"velocity", velocity.take()}});
   }
   Json formal_days = Json::array();
   Axes position_sigma, velocity_sigma;
@@ -431,7 +445,8 @@ std::string campaign_html(const campaign::Outcome& outcome, const campaign::Stat
   }
   for (int i = 0; i < kBins; ++i) {
     const double x = -4.0 + (i + 0.5) * 8.0 / kBins;
-    expected.push_back(short_number(static_cast<double>(normalised[0].size()) * 8.0 / kBins * std::exp(-0.5 * x * x) / std::sqrt(2.0 * kPi)));
+    expected.push_back(short_number(static_cast<double>(normalised[0].size()) * 8.0 / kBins * std::exp(-0.5 * x * x) /
+                                    std::sqrt(2.0 * kPi)));
   }
   normalised_json["counts"] = std::move(counts);
   normalised_json["expected"] = std::move(expected);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/report/report.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <string>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include "support/synthetic_records.h"
 
@@ -19,12 +19,14 @@ nlohmann::json data_of(const std::string& html) {
 }
 
 TEST(Report, HoldsEverythingInOneFile) {
-  const loop::Records records = astronav::testing::synthetic_records({.seed = 2, .cycles = 6, .images_per_window = 5, .frames = 2});
+  const loop::Records records =
+      astronav::testing::synthetic_records({.seed = 2, .cycles = 6, .images_per_window = 5, .frames = 2});
   const loop::Summary summary = loop::summarize(records);
   const std::string html = mission_html(records, summary);
   EXPECT_LT(html.size(), 6'000'000u);
   EXPECT_EQ(html.find("{{"), std::string::npos);
-  for (const char* outside : {"<link", "src=\"http", "href=\"http", "url(http", "@import", "fetch(", "XMLHttpRequest"}) {
+  for (const char* outside :
+       {"<link", "src=\"http", "href=\"http", "url(http", "@import", "fetch(", "XMLHttpRequest"}) {
     EXPECT_EQ(html.find(outside), std::string::npos) << outside;
   }
   const auto data = data_of(html);
@@ -55,7 +57,8 @@ TEST(Report, FramesBeyondTheBudgetAreLeftOut) {
   loop::KeptFrame noise;
   noise.pixels = ImageU16(1024, 1024);
   std::uint32_t state = 1;
-  for (auto& pixel : noise.pixels.pixels()) pixel = static_cast<std::uint16_t>((state = state * 1664525u + 1013904223u) >> 16);
+  for (auto& pixel : noise.pixels.pixels())
+    pixel = static_cast<std::uint16_t>((state = state * 1664525u + 1013904223u) >> 16);
   records.frames.assign(12, noise);
   const std::string html = mission_html(records, loop::summarize(records));
   EXPECT_LT(html.size(), 6'000'000u);
@@ -90,7 +93,8 @@ TEST(Report, CampaignPoolsItsSamples) {
     if (seed == 2) {
       sample.error = "lost </script>";
     } else {
-      sample.summary = loop::summarize(astronav::testing::synthetic_records({.seed = seed, .cycles = 8, .images_per_window = 3}));
+      sample.summary =
+          loop::summarize(astronav::testing::synthetic_records({.seed = seed, .cycles = 8, .images_per_window = 3}));
       for (int k = 0; k < 8; ++k) {
         campaign::WindowError w;
         w.day = 1.0 + 10.0 * k;

@@ -24,6 +24,8 @@ Result<Camera> truth_camera(const Scenario& scenario) {
   return camera;
 }
 
-Result<Camera> onboard_camera(const Scenario& scenario) { return read_camera(scenario.onboard.camera.file); }
+Result<Camera> onboard_camera(const Scenario& scenario) {
+  return read_camera(scenario.onboard.camera.file);
+}
 
 }  // namespace astronav::scenario

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draft: TOML to values by the table of keys, and the dice.
-#include <fmt/format.h>
-
 #include <cmath>
 #include <set>
 #include <sstream>
+
+#include <fmt/format.h>
 
 #define TOML_EXCEPTIONS 0
 #define TOML_HEADER_ONLY 1
@@ -28,10 +28,16 @@ std::string place(std::string_view file, const toml::source_region& region) {
   return fmt::format("{}:{}:{}", file, region.begin.line, region.begin.column);
 }
 
-bool is_number(const toml::node& node) { return node.is_integer() || node.is_floating_point(); }
-double number(const toml::node& node) { return node.value<double>().value_or(std::nan("")); }
+bool is_number(const toml::node& node) {
+  return node.is_integer() || node.is_floating_point();
+}
+double number(const toml::node& node) {
+  return node.value<double>().value_or(std::nan(""));
+}
 
-bool is_integer(const Key& key) { return std::holds_alternative<int* (*)(Scenario&)>(key.member); }
+bool is_integer(const Key& key) {
+  return std::holds_alternative<int* (*)(Scenario&)>(key.member);
+}
 
 Result<void> check_range(const Key& key, double v, std::string_view where) {
   if (std::isnan(v) || v < key.min || v > key.max) {
@@ -58,7 +64,8 @@ Result<Value> read_distribution(const Key& key, const toml::table& table, std::s
   value.a = number(*a);
   value.b = number(*b);
   if (gaussian ? !(value.b >= 0.0) : !(value.b >= value.a)) {
-    return bad(where, fmt::format("{}: {}", key.name, gaussian ? "sigma must not be negative" : "max must not be below min"));
+    return bad(where,
+               fmt::format("{}: {}", key.name, gaussian ? "sigma must not be negative" : "max must not be below min"));
   }
   if (auto ok = check_range(key, value.a, where); !ok) return forward(ok);
   if (auto ok = check_range(key, gaussian ? value.a : value.b, where); !ok) return forward(ok);
@@ -69,10 +76,13 @@ Result<Value> read_value(const Key& key, const toml::node& node, std::string_vie
   Value value;
   if (key.is_number()) {
     if (const toml::table* table = node.as_table()) return read_distribution(key, *table, where);
-    if (!is_number(node)) return bad(where, fmt::format("{} must be a number{}", key.name, key.unit.empty() ? "" : fmt::format(" ({})", key.unit)));
+    if (!is_number(node))
+      return bad(where, fmt::format("{} must be a number{}", key.name,
+                                    key.unit.empty() ? "" : fmt::format(" ({})", key.unit)));
     value.a = number(node);
     if (auto ok = check_range(key, value.a, where); !ok) return forward(ok);
-    if (is_integer(key) && value.a != std::floor(value.a)) return bad(where, fmt::format("{} must be a whole number", key.name));
+    if (is_integer(key) && value.a != std::floor(value.a))
+      return bad(where, fmt::format("{} must be a whole number", key.name));
     return value;
   }
   if (std::holds_alternative<bool* (*)(Scenario&)>(key.member)) {
@@ -84,7 +94,8 @@ Result<Value> read_value(const Key& key, const toml::node& node, std::string_vie
   if (std::holds_alternative<std::vector<std::string>* (*)(Scenario&)>(key.member)) {
     value.kind = Value::Kind::names;
     const toml::array* array = node.as_array();
-    if (array == nullptr) return bad(where, fmt::format("{} must be a list of names, like [\"earth\", \"mars\"]", key.name));
+    if (array == nullptr)
+      return bad(where, fmt::format("{} must be a list of names, like [\"earth\", \"mars\"]", key.name));
     for (const toml::node& item : *array) {
       if (!item.is_string()) return bad(where, fmt::format("{} must hold texts only", key.name));
       value.names.push_back(*item.value<std::string>());
@@ -124,7 +135,8 @@ Result<Value> read_value(const Key& key, const toml::node& node, std::string_vie
 
 bool is_section(std::string_view name) {
   for (const Key& key : keys()) {
-    if (key.name.size() > name.size() && key.name.substr(0, name.size()) == name && key.name[name.size()] == '.') return true;
+    if (key.name.size() > name.size() && key.name.substr(0, name.size()) == name && key.name[name.size()] == '.')
+      return true;
   }
   return false;
 }
@@ -146,7 +158,8 @@ Result<void> read_table(const toml::table& table, const std::string& prefix, std
     } else if (node.is_table() && !node.as_table()->empty()) {
       // A misspelt section: its first key says best what was meant.
       const std::string full = name + "." + std::string(node.as_table()->begin()->first.str());
-      return bad(where, fmt::format("unknown section \"{}\"; did you mean \"{}\"?", name, section_of(nearest_key(full))));
+      return bad(where,
+                 fmt::format("unknown section \"{}\"; did you mean \"{}\"?", name, section_of(nearest_key(full))));
     } else {
       return bad(where, fmt::format("unknown key \"{}\"; did you mean \"{}\"?", name, nearest_key(name)));
     }
@@ -184,7 +197,8 @@ Result<void> read_run(const toml::table& root, std::string_view file, std::uint6
 Result<Draft> Draft::parse(std::string_view toml_text, std::string_view name_for_errors) {
   const toml::parse_result parsed = toml::parse(toml_text);
   if (!parsed) {
-    return bad(place(name_for_errors, parsed.error().source()), fmt::format("not TOML: {}", parsed.error().description()));
+    return bad(place(name_for_errors, parsed.error().source()),
+               fmt::format("not TOML: {}", parsed.error().description()));
   }
   const toml::table& root = parsed.table();
   Draft draft;
@@ -201,7 +215,8 @@ Result<Draft> Draft::read(const std::filesystem::path& path_or_name) {
   }
   const auto file = MappedFile::open(path);
   if (!file) return forward(file, path_or_name.string());
-  if (file->text().find_first_not_of(" \t\r\n") == std::string_view::npos) return bad(path.string(), "the file is empty, where a scenario in TOML was expected");
+  if (file->text().find_first_not_of(" \t\r\n") == std::string_view::npos)
+    return bad(path.string(), "the file is empty, where a scenario in TOML was expected");
   auto draft = parse(file->text(), path.string());
   if (!draft) return draft;
   for (auto& [name, value] : draft->values_) {
@@ -225,7 +240,8 @@ Result<void> Draft::set(std::string_view key_equals_value) {
   const std::string name(trim(key_equals_value.substr(0, equals)));
   const std::string text(trim(key_equals_value.substr(equals + 1)));
   const Key* key = find_key(name);
-  if (key == nullptr) return bad(where, fmt::format("unknown key \"{}\"; did you mean \"{}\"?", name, nearest_key(name)));
+  if (key == nullptr)
+    return bad(where, fmt::format("unknown key \"{}\"; did you mean \"{}\"?", name, nearest_key(name)));
   const bool textual = std::holds_alternative<std::string* (*)(Scenario&)>(key->member) ||
                        std::holds_alternative<Epoch* (*)(Scenario&)>(key->member);
   toml::table table;
@@ -254,7 +270,9 @@ struct Setter {
   void operator()(bool* (*member)(Scenario&)) const { *member(scenario) = value.flag; }
   void operator()(std::string* (*member)(Scenario&)) const { *member(scenario) = value.text; }
   void operator()(std::vector<std::string>* (*member)(Scenario&)) const { *member(scenario) = value.names; }
-  void operator()(Epoch* (*member)(Scenario&)) const { *member(scenario) = *Epoch::parse(value.text); }  // checked on reading
+  void operator()(Epoch* (*member)(Scenario&)) const {
+    *member(scenario) = *Epoch::parse(value.text);
+  }  // checked on reading
 };
 
 }  // namespace
@@ -317,15 +335,16 @@ std::string Draft::to_toml() const {
       return value_text(key, fixed);
     }
     const bool gaussian = it->second.kind == Value::Kind::gaussian;
-    return fmt::format("{{ {} = {{ {} = {}, {} = {} }} }}", gaussian ? "gaussian" : "uniform", gaussian ? "mean" : "min",
-                       it->second.a, gaussian ? "sigma" : "max", it->second.b);
+    return fmt::format("{{ {} = {{ {} = {}, {} = {} }} }}", gaussian ? "gaussian" : "uniform",
+                       gaussian ? "mean" : "min", it->second.a, gaussian ? "sigma" : "max", it->second.b);
   });
 }
 
 std::string to_toml(const Scenario& scenario, const RunHeader& run) {
-  return fmt::format("# Every value that this run used; fly it again with: astronav run scenario.resolved.toml\n"
-                     "[run]\nversion = \"{}\"\nlevel = \"{}\"\nseed = {}\nsample = {}\n\n",
-                     run.version, run.level, run.seed, run.sample) +
+  return fmt::format(
+             "# Every value that this run used; fly it again with: astronav run scenario.resolved.toml\n"
+             "[run]\nversion = \"{}\"\nlevel = \"{}\"\nseed = {}\nsample = {}\n\n",
+             run.version, run.level, run.seed, run.sample) +
          write_sections([&](const Key& key) { return value_text(key, scenario); });
 }
 

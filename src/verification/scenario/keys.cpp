@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/scenario/keys.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
+
+#include <fmt/format.h>
 
 #include "foundation/base/nearest_word.h"
 
@@ -30,7 +30,7 @@ const std::array kKeys{
     TEXT(mission.from, "body left at departure (name or NAIF number)"),
     TEXT(mission.to, "body reached after `days` (name or NAIF number)"),
     Key{FIELD(mission.departure), "", "epoch of departure, ISO 8601 with its scale; UTC where none is given", Member(MEMBER(mission.departure))},
-    NUMBER(mission.days, "d", 1.0, 3000.0, "time of flight, and how long the mission is flown"),
+    NUMBER(mission.days, "d", 1.0, 3000.0, "time of flight from departure to arrival; the cruise is flown from 3 days after the one to 3 days before the other"),
     PATH(mission.trajectory_file, "SPK kernel or CCSDS OEM flown instead of a designed ballistic transfer; empty for none"),
     TEXT(mission.trajectory_body, "whose states to take from an SPK (name or NAIF number); empty where the file holds one body only"),
 
@@ -93,7 +93,7 @@ const std::array kKeys{
     CHOICE(onboard.vision.centroid_method, "moment psf_fit", "how the centre of a spot is found"),
     NUMBER(onboard.vision.threshold_sigma, "", 1.0, 1000.0, "detection threshold above the background, in sigmas of the background"),
     NUMBER(onboard.vision.star_max_v_mag, "mag", 2.0, 12.0, "faintest star (V) in the onboard catalogue"),
-    NUMBER(onboard.vision.max_stars, "", 4.0, 10000.0, "most stars that an attitude is fitted to, brightest first"),
+    NUMBER(onboard.vision.max_spots, "", 4.0, 10000.0, "most spots that are measured in a frame, brightest first"),
     NUMBER(onboard.vision.match_radius_px, "px", 0.05, 50.0, "how far a spot may lie from the star that it is taken for"),
     NUMBER(onboard.vision.planet_gate_probability, "", 0.5, 1.0, "share of true planets that the search ellipse must hold"),
 
@@ -123,10 +123,18 @@ std::string text_of(double v) {
   if (s.find_first_of(".einf") == std::string::npos) s += ".0";
   return s;
 }
-std::string text_of(int v) { return fmt::format("{}", v); }
-std::string text_of(bool v) { return v ? "true" : "false"; }
-std::string text_of(const std::string& v) { return toml_string(v); }
-std::string text_of(const Epoch& v) { return toml_string(v.iso(TimeScale::tdb, 9)); }
+std::string text_of(int v) {
+  return fmt::format("{}", v);
+}
+std::string text_of(bool v) {
+  return v ? "true" : "false";
+}
+std::string text_of(const std::string& v) {
+  return toml_string(v);
+}
+std::string text_of(const Epoch& v) {
+  return toml_string(v.iso(TimeScale::tdb, 9));
+}
 std::string text_of(const std::vector<std::string>& v) {
   std::string out = "[";
   for (const std::string& item : v) out += (out.size() > 1 ? ", " : "") + toml_string(item);
@@ -135,7 +143,9 @@ std::string text_of(const std::vector<std::string>& v) {
 
 }  // namespace
 
-std::span<const Key> keys() { return kKeys; }
+std::span<const Key> keys() {
+  return kKeys;
+}
 
 const Key* find_key(std::string_view name) {
   const auto it = std::find_if(kKeys.begin(), kKeys.end(), [&](const Key& key) { return key.name == name; });
@@ -146,8 +156,12 @@ std::string_view nearest_key(std::string_view name) {
   return nearest_word(name, kKeys, [](const Key& key) { return key.name; })->name;
 }
 
-std::string_view section_of(std::string_view key) { return key.substr(0, key.rfind('.')); }
-std::string_view leaf_of(std::string_view key) { return key.substr(key.rfind('.') + 1); }
+std::string_view section_of(std::string_view key) {
+  return key.substr(0, key.rfind('.'));
+}
+std::string_view leaf_of(std::string_view key) {
+  return key.substr(key.rfind('.') + 1);
+}
 
 std::string value_text(const Key& key, const Scenario& scenario) {
   // The accessors hand out the address of a field; nothing is written through it here.

@@ -14,8 +14,9 @@
 
 namespace astronav::scenario {
 
-using Member = std::variant<double* (*)(Scenario&), int* (*)(Scenario&), bool* (*)(Scenario&),
-                            std::string* (*)(Scenario&), std::vector<std::string>* (*)(Scenario&), Epoch* (*)(Scenario&)>;
+using Member =
+    std::variant<double* (*)(Scenario&), int* (*)(Scenario&), bool* (*)(Scenario&), std::string* (*)(Scenario&),
+                 std::vector<std::string>* (*)(Scenario&), Epoch* (*)(Scenario&)>;
 
 struct Key {
   std::string_view name;     // "conops.tracking_min"

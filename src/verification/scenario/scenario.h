@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scenario: everything that one mission is flown with, as plain structs, read from TOML through one table of keys.
 //
-// The fields carry the units of their keys ("conops.tracking_min"); a field's initialiser below is the key's default. The
-// table (keys.h) gives every key its unit, range and meaning: parser, schema, documentation and the resolved scenario all
-// come out of it. Truth and onboard belief are kept apart. In a file, any number may be a distribution; Draft keeps it as
-// written, and resolve() draws it for one sample of one seed, so that the structs hold plain values.
+// The fields carry the units of their keys ("conops.tracking_min"); a field's initialiser below is the key's default.
+// The table (keys.h) gives every key its unit, range and meaning: parser, schema, documentation and the resolved
+// scenario all come out of it. Truth and onboard belief are kept apart. In a file, any number may be a distribution;
+// Draft keeps it as written, and resolve() draws it for one sample of one seed, so that the structs hold plain values.
 #pragma once
 
 #include <cstdint>
@@ -112,9 +112,9 @@ struct OnboardVision {
   std::string centroid_method = "psf_fit";  // "moment" or "psf_fit"
   double threshold_sigma = 6.0;
   double star_max_v_mag = 7.0;
-  int max_stars = 80;
+  int max_spots = 200;
   double match_radius_px = 2.0;
-  double planet_gate_probability = 0.9999;
+  double planet_gate_probability = 0.999999;  // wider than the filter's, which does the editing
 };
 
 struct Mil {

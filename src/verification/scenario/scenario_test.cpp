@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/scenario/scenario.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <set>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 #include "verification/scenario/keys.h"
@@ -14,7 +14,9 @@
 namespace astronav::scenario {
 namespace {
 
-std::string message(const Result<Draft>& draft) { return draft ? "accepted" : describe(draft.error()); }
+std::string message(const Result<Draft>& draft) {
+  return draft ? "accepted" : describe(draft.error());
+}
 
 TEST(Scenario, EmptyTextGivesTheDefaults) {
   const auto draft = Draft::parse("", "x.toml");
@@ -35,18 +37,19 @@ to = 'venus'
 [conops]
 cycle_days = 5
 [onboard]
-vision = { max_stars = 12 }
+vision = { max_spots = 12 }
 [truth.dynamics]
 relativity = false
 bodies = ["earth"]
-)", "x.toml");
+)",
+                                  "x.toml");
   ASSERT_TRUE(draft) << message(draft);
   const auto s = draft->resolve(1);
   ASSERT_TRUE(s);
   EXPECT_EQ(s->mission.departure.iso(TimeScale::tdb, 0), "2028-12-05T00:00:00 TDB");
   EXPECT_EQ(s->mission.to, "venus");
   EXPECT_EQ(s->conops.cycle_days, 5.0);
-  EXPECT_EQ(s->onboard.vision.max_stars, 12);
+  EXPECT_EQ(s->onboard.vision.max_spots, 12);
   EXPECT_FALSE(s->truth.dynamics.relativity);
   EXPECT_EQ(s->truth.dynamics.bodies, std::vector<std::string>{"earth"});
 }
@@ -56,7 +59,8 @@ TEST(Scenario, MistakesAreNamedWithPlaceAndRemedy) {
     const char* toml;
     const char* expected;
   } cases[] = {
-      {"[conops]\n\n  traking_min = 1", "x.toml:3:3: unknown key \"conops.traking_min\"; did you mean \"conops.tracking_min\"?"},
+      {"[conops]\n\n  traking_min = 1",
+       "x.toml:3:3: unknown key \"conops.traking_min\"; did you mean \"conops.tracking_min\"?"},
       {"[conop]\ntracking_min = 1", "x.toml:1:2: unknown section \"conop\"; did you mean \"conops\"?"},
       {"[conops]\ntracking_min = \"long\"", "x.toml:2:1: conops.tracking_min must be a number (min)"},
       {"[conops]\ntracking_min = -1", "x.toml:2:1: conops.tracking_min = -1 is outside 1 to 1440 min"},
@@ -64,7 +68,7 @@ TEST(Scenario, MistakesAreNamedWithPlaceAndRemedy) {
       {"[conops]\ntracking_min = { gaussian = { mean = 60 } }", "must be a number, {"},
       {"[conops]\ntracking_min = { gaussian = { mean = 60, sigma = -1 } }", "sigma must not be negative"},
       {"[conops]\ntracking_min = { uniform = { min = 60, max = 50 } }", "max must not be below min"},
-      {"[onboard.vision]\nmax_stars = 4.5", "whole number"},
+      {"[onboard.vision]\nmax_spots = 4.5", "whole number"},
       {"[onboard.vision]\ncentroid_method = \"magic\"", "must be one of: moment psf_fit"},
       {"[mission]\ndeparture = \"tomorrow\"", "x.toml:2:1: mission.departure: "},
       {"[mission]\nname = 3", "text in quotes"},
@@ -102,8 +106,10 @@ TEST(Scenario, SetOverridesAndExplains) {
 }
 
 TEST(Scenario, DrawsDependOnSeedSampleAndKeyAlone) {
-  const auto draft = Draft::parse("[truth.camera]\ncenter_offset_u_px = { gaussian = { mean = 3.0, sigma = 2.0 } }\n"
-                                  "center_offset_v_px = { gaussian = { mean = 3.0, sigma = 2.0 } }", "x.toml");
+  const auto draft = Draft::parse(
+      "[truth.camera]\ncenter_offset_u_px = { gaussian = { mean = 3.0, sigma = 2.0 } }\n"
+      "center_offset_v_px = { gaussian = { mean = 3.0, sigma = 2.0 } }",
+      "x.toml");
   ASSERT_TRUE(draft) << message(draft);
   // The same names drawn in another order, among others, give the same values.
   auto other = Draft::parse("[conops]\ndither_px = { uniform = { min = 0, max = 9 } }", "y.toml");
@@ -128,7 +134,8 @@ TEST(Scenario, DrawsDependOnSeedSampleAndKeyAlone) {
   // 5 sigma: false alarm 6e-7 each.
   EXPECT_NEAR(sum / n, 3.0, 5.0 * 2.0 / std::sqrt(n));
   EXPECT_NEAR(std::sqrt(sum2 / n), 2.0, 5.0 * 2.0 / std::sqrt(2.0 * n));
-  EXPECT_NE(draft->resolve(7, 0)->truth.camera.center_offset_u_px, draft->resolve(8, 0)->truth.camera.center_offset_u_px);
+  EXPECT_NE(draft->resolve(7, 0)->truth.camera.center_offset_u_px,
+            draft->resolve(8, 0)->truth.camera.center_offset_u_px);
 }
 
 TEST(Scenario, ADrawOutsideTheRangeIsAnError) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fmt/format.h>
-
 #include <cmath>
+
+#include <fmt/format.h>
 
 #include "verification/scenario/keys.h"
 
@@ -47,8 +47,9 @@ const char* section_title(std::string_view section) {
 
 std::string schema_text() {
   const Scenario defaults;
-  std::string out = "Keys of a scenario. Any number may be a distribution:\n"
-                    "  { gaussian = { mean = 0.0, sigma = 1.0 } }  or  { uniform = { min = 0.0, max = 1.0 } }\n";
+  std::string out =
+      "Keys of a scenario. Any number may be a distribution:\n"
+      "  { gaussian = { mean = 0.0, sigma = 1.0 } }  or  { uniform = { min = 0.0, max = 1.0 } }\n";
   std::string_view section;
   for (const Key& key : keys()) {
     if (section_of(key.name) != section) {
@@ -56,7 +57,8 @@ std::string schema_text() {
       out += fmt::format("\n[{}]  {}\n", section, section_title(section));
     }
     const std::string range = range_text(key);
-    out += fmt::format("  {} = {}{}{}\n", leaf_of(key.name), value_text(key, defaults), key.unit.empty() ? "" : "  # ", key.unit);
+    out += fmt::format("  {} = {}{}{}\n", leaf_of(key.name), value_text(key, defaults), key.unit.empty() ? "" : "  # ",
+                       key.unit);
     out += fmt::format("      {}{}\n", key.meaning, range.empty() ? "" : fmt::format(" ({})", range));
   }
   return out;
@@ -67,21 +69,25 @@ std::string schema_markdown() {
   std::string out =
       "# Scenario\n\n"
       "A scenario is a TOML file with everything that one mission is flown with. This page is written by\n"
-      "`astronav run --schema=markdown` from the table that also holds the parser and the defaults; a test keeps it true.\n\n"
-      "- Every key has a default: an empty section, or none, is fine. An unknown key is an error that names its line and the\n"
+      "`astronav run --schema=markdown` from the table that also holds the parser and the defaults; a test keeps it "
+      "true.\n\n"
+      "- Every key has a default: an empty section, or none, is fine. An unknown key is an error that names its line "
+      "and the\n"
       "  nearest known key.\n"
       "- Any number may be a distribution, drawn once for each sample from the run's seed:\n"
       "  `{ gaussian = { mean = 0.0, sigma = 1.0 } }` or `{ uniform = { min = 0.0, max = 1.0 } }`.\n"
       "- `--set key=value` on the command line overrides any key: `--set conops.cycle_days=5`.\n"
       "- Truth and onboard belief are separate sections, and may differ on purpose.\n"
-      "- `scenario.resolved.toml`, beside each run's results, holds every value used, and `[run]` with `version`, `level`, `seed`\n"
+      "- `scenario.resolved.toml`, beside each run's results, holds every value used, and `[run]` with `version`, "
+      "`level`, `seed`\n"
       "  and `sample`: flying that file repeats the run.\n";
   std::string_view section;
   for (const Key& key : keys()) {
     if (section_of(key.name) != section) {
       section = section_of(key.name);
-      out += fmt::format("\n## [{}]: {}\n\n| key | unit | default | range | meaning |\n| --- | --- | --- | --- | --- |\n", section,
-                         section_title(section));
+      out +=
+          fmt::format("\n## [{}]: {}\n\n| key | unit | default | range | meaning |\n| --- | --- | --- | --- | --- |\n",
+                      section, section_title(section));
     }
     out += fmt::format("| `{}` | {} | `{}` | {} | {} |\n", leaf_of(key.name), key.unit, value_text(key, defaults),
                        range_text(key), key.meaning);
