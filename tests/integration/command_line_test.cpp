@@ -127,7 +127,8 @@ const std::vector<Bad> kBad{
     {"trajectory desing", "did you mean 'astronav trajectory design'?"},
     {"catalog", "A subcommand is required"},
     {"trajectory", "A subcommand is required"},
-    {"bench --frobnicate", "bench"},
+    {"bench --frobnicate", "--frobnicate"},
+    {"bench --only speed", "there is no such figure"},
 
     {"run --frobnicate", "--frobnicate"},
     {"run a b", "not expected: b"},
