@@ -10,6 +10,7 @@
 
 #include "cli/command.h"
 #include "cli/commands.h"
+#include "cli/validators.h"
 #include "foundation/raster/raster.h"
 #include "models/camera_file/camera_file.h"
 #include "onboard/vision/centroids.h"
@@ -48,8 +49,8 @@ Result<int> run(const Options& options) {
     vision::CentroidSettings settings;
     settings.threshold_sigma = options.sigma;
     settings.max_centroids = 2000;
-    settings.method = options.method == "psf-fit" ? vision::CentroidMethod::psf_fit
-                                                  : vision::CentroidMethod::squared_intensity;
+    settings.method =
+        options.method == "psf-fit" ? vision::CentroidMethod::psf_fit : vision::CentroidMethod::squared_intensity;
     const int width = picture->pixels.width(), height = picture->pixels.height();
     if (width < 16 || height < 16)
       return fail(ErrorCode::invalid_argument, "{0} x {1} pixels; at least 16 x 16",
@@ -84,8 +85,8 @@ Result<int> run(const Options& options) {
     fmt::print("{}\n", out.dump());
     return 0;
   }
-  fmt::print("{}: {} spots; background {:.2f} DN, noise {:.3f} DN, threshold {:.2f} DN above it; {:.1f} ms\n", options.image,
-             found.spots.size(), found.background_dn, found.noise_dn, found.threshold_dn, ms);
+  fmt::print("{}: {} spots; background {:.2f} DN, noise {:.3f} DN, threshold {:.2f} DN above it; {:.1f} ms\n",
+             options.image, found.spots.size(), found.background_dn, found.noise_dn, found.threshold_dn, ms);
   fmt::print("{:>10} {:>10} {:>9} {:>9} {:>12} {:>8} {:>7}\n", "u px", "v px", "sigma u", "sigma v", "flux DN", "S/N",
              "pixels");
   for (const vision::Centroid& c : found.spots)
@@ -107,7 +108,7 @@ void add_centroids(CLI::App& app, Invocation& invocation) {
       ->check(CLI::IsMember({"psf-fit", "squares"}))
       ->capture_default_str();
   sub->add_option("--sigma", options->sigma, "threshold above the background, in its noise")
-      ->check(CLI::Range(1.0, 1e6))
+      ->check(number_within(1.0, 1e6))
       ->capture_default_str();
   sub->add_option("--raw", options->raw, "WIDTHxHEIGHT,u16le,OFFSET");
   sub->add_flag("--json", options->json, "one JSON object");

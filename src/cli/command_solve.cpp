@@ -46,8 +46,8 @@ Result<opensky::FieldRange> parse_field(const std::string& text) {
   if (!numbers) return forward(numbers);
   const opensky::FieldRange range{numbers->front() * kDegree, numbers->back() * kDegree};
   if (!(range.min_rad > 0.0 && range.min_rad <= range.max_rad && range.max_rad < 120.0 * kDegree))
-    return fail(ErrorCode::invalid_argument, "'{s}' is no field of view: MIN:MAX in degrees, 0 < MIN <= MAX < 120", {}, {},
-                text);
+    return fail(ErrorCode::invalid_argument, "'{s}' is no field of view: MIN:MAX in degrees, 0 < MIN <= MAX < 120", {},
+                {}, text);
   return range;
 }
 
@@ -67,8 +67,8 @@ Result<Request> read_request(const Options& options) {
     const auto near = parse_numbers(options.near, 3, 3, "RA,DEC,RADIUS");
     if (!near) return forward(near, "--near");
     if (!((*near)[2] > 0.0 && std::abs((*near)[1]) <= 90.0))
-      return fail(ErrorCode::invalid_argument, "'{s}': a declination within 90 degrees and a radius above 0", {}, "--near",
-                  options.near);
+      return fail(ErrorCode::invalid_argument, "'{s}': a declination within 90 degrees and a radius above 0", {},
+                  "--near", options.near);
     request.solve.near =
         opensky::Near{direction_from_radec((*near)[0] * kDegree, (*near)[1] * kDegree), (*near)[2] * kDegree};
   }
@@ -112,7 +112,9 @@ Pointing center_of(const opensky::Solution& s) {
   return {place.ra_rad, place.dec_rad, roll};
 }
 
-double rounded(double x, double digits) { return std::round(x * digits) / digits; }
+double rounded(double x, double digits) {
+  return std::round(x * digits) / digits;
+}
 
 Json to_json(const std::string& image, const opensky::Solution& s, double read_ms) {
   const vision::AttitudeSolution& a = s.attitude;
@@ -182,9 +184,10 @@ void tell(const std::string& image, const opensky::Solution& s) {
              center.dec_rad / kDegree, center.roll_rad / kDegree,
              s.attitude.intrinsics.field_of_view_horizontal_rad() / kDegree,
              s.attitude.intrinsics.field_of_view_vertical_rad() / kDegree, s.mirrored ? ", mirrored" : "");
-  fmt::print("  {} of {} spots are stars, rms {:.2f} px, sigma {:.1f} {:.1f} {:.1f} arcsec, by chance {:.0e}, {:.2f} s\n",
-             s.stars.size(), s.detected, s.attitude.residual_rms_px, sigma.x(), sigma.y(), sigma.z(),
-             s.attitude.chance_probability, s.time_ms.total / 1e3);
+  fmt::print(
+      "  {} of {} spots are stars, rms {:.2f} px, sigma {:.1f} {:.1f} {:.1f} arcsec, by chance {:.0e}, {:.2f} s\n",
+      s.stars.size(), s.detected, s.attitude.residual_rms_px, sigma.x(), sigma.y(), sigma.z(),
+      s.attitude.chance_probability, s.time_ms.total / 1e3);
   for (const opensky::SolvedPlanet& p : s.planets)
     fmt::print("  {} at ({:.2f}, {:.2f}) px, predicted ({:.2f}, {:.2f}), magnitude {:.1f} (predicted {:.1f})\n",
                body_name(p.body), p.spot.pixel.u, p.spot.pixel.v, p.predicted.u, p.predicted.v, p.v_mag_measured,
@@ -208,9 +211,9 @@ Result<int> run(const Options& options) {
   for (const std::string& image : options.images) {
     const auto begin = std::chrono::steady_clock::now();
     const auto picture = read_picture(image, request->raw);
-    const double read_ms =
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
-    const auto solution = picture ? solver.solve(*picture, request->solve) : Result<opensky::Solution>(forward(picture));
+    const double read_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+    const auto solution =
+        picture ? solver.solve(*picture, request->solve) : Result<opensky::Solution>(forward(picture));
     if (!solution) {
       // What the arguments and the picture's size disagree about is the caller's mistake, not the sky's.
       const bool no_match = solution.error().code == ErrorCode::no_match;

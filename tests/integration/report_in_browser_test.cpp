@@ -8,8 +8,8 @@
 
 #include <gtest/gtest.h>
 
-#include "support/shared_data.h"
 #include "foundation/files/mapped_file.h"
+#include "support/shared_data.h"
 #include "support/synthetic_records.h"
 #include "verification/campaign/campaign.h"
 #include "verification/report/report.h"

@@ -10,9 +10,13 @@ namespace astronav::executive {
 Navigator::Navigator(const NavigatorSettings& settings, const Ephemeris& ephemeris, vision::Vision* eyes)
     : settings_(settings), ephemeris_(&ephemeris), eyes_(eyes), filter_(settings.filter, ephemeris) {}
 
-Result<void> Navigator::start(const navigation::InitialState& initial) { return filter_.initialise(initial); }
+Result<void> Navigator::start(const navigation::InitialState& initial) {
+  return filter_.initialise(initial);
+}
 
-Result<void> Navigator::coast_to(Epoch epoch) { return filter_.propagate_to(epoch); }
+Result<void> Navigator::coast_to(Epoch epoch) {
+  return filter_.propagate_to(epoch);
+}
 
 Result<navigation::BeaconSelection> Navigator::select() const {
   return navigation::select_beacons(*ephemeris_, filter_.state(), filter_.epoch(), settings_.beacons);

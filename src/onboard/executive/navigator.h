@@ -44,7 +44,7 @@ struct Look {
   vision::PlanetPrediction prediction;         // what the image processing was told
   bool measured = false;                       // attitude and planet were found
   navigation::BeaconMeasurement measurement;
-  navigation::UpdateResult update;             // where measured
+  navigation::UpdateResult update;  // where measured
 };
 
 class Navigator {

@@ -17,7 +17,9 @@ Epoch Timeline::window_begin(int cycle, int window) const {
   return first_ + settings_.cycle * cycle + (settings_.tracking + settings_.slew) * window;
 }
 
-Epoch Timeline::window_end(int cycle, int window) const { return window_begin(cycle, window) + settings_.tracking; }
+Epoch Timeline::window_end(int cycle, int window) const {
+  return window_begin(cycle, window) + settings_.tracking;
+}
 
 Epoch Timeline::image_epoch(int cycle, int window, int k) const {
   return window_begin(cycle, window) + settings_.image_period * k +

@@ -7,10 +7,10 @@
 namespace astronav::executive {
 
 struct CycleSettings {
-  Duration tracking = Duration::seconds(3600.0);     // of one window
+  Duration tracking = Duration::seconds(3600.0);  // of one window
   Duration image_period = Duration::seconds(100.0);
-  Duration slew = Duration::seconds(1500.0);         // no images, the filter only propagates
-  Duration cycle = Duration::days(10.0);             // from start to start
+  Duration slew = Duration::seconds(1500.0);  // no images, the filter only propagates
+  Duration cycle = Duration::days(10.0);      // from start to start
   int images_per_window() const { return static_cast<int>(tracking.nanoseconds() / image_period.nanoseconds()); }
 };
 

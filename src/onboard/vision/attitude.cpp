@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/vision/attitude.h"
 
+#include <cmath>
+
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/SVD>
-#include <cmath>
 
 #include "foundation/base/check.h"
 #include "foundation/math/rotation.h"

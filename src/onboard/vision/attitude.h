@@ -22,22 +22,22 @@ struct StarSight {
   Vec2 residual_px = Vec2::Zero();  // out: measured minus predicted
 };
 
-// Davenport's problem solved through the SVD of the attitude profile matrix (Markley 1988). Directions in C and N in step;
-// not_converged for fewer than two, or all in a line of sight.
+// Davenport's problem solved through the SVD of the attitude profile matrix (Markley 1988). Directions in C and N in
+// step; not_converged for fewer than two, or all in a line of sight.
 Result<Mat3> attitude_from_directions(std::span<const Vec3> directions_C, std::span<const Vec3> directions_N);
 
 // What is solved for beside the attitude.
 struct CameraFreedom {
   bool focal_length = false;  // fx and fy together
   bool k1 = false;
-  bool tangential = false;    // p1, p2
+  bool tangential = false;  // p1, p2
   int count() const { return (focal_length ? 1 : 0) + (k1 ? 1 : 0) + (tangential ? 2 : 0); }
 };
 
 struct AttitudeOptions {
   CameraFreedom freedom;
-  double extra_sigma_px = 0.0;   // added in quadrature to every centroid: what is wrong with camera and catalogue
-  double gate_sigma = 5.0;       // a star farther off than this (Mahalanobis) is left out, and tried again next time
+  double extra_sigma_px = 0.0;  // added in quadrature to every centroid: what is wrong with camera and catalogue
+  double gate_sigma = 5.0;      // a star farther off than this (Mahalanobis) is left out, and tried again next time
   int max_iterations = 12;
 };
 
@@ -46,7 +46,7 @@ struct AttitudeFit {
   Mat3 covariance_rad2 = Mat3::Zero();  // the solved-for camera parameters are accounted for
   Intrinsics camera;
   int used = 0;
-  double residual_rms_px = 0.0;   // per axis, over the stars used
+  double residual_rms_px = 0.0;  // per axis, over the stars used
   double chi2_per_dof = 0.0;
 };
 

@@ -62,10 +62,12 @@ Window grow(const Window& window, int margin, int width, int height) {
           std::min(window.v1 + margin, height - 1)};
 }
 
-// Wings that are not as believed (a halo that sits beside the core) pull a saturated spot the same way in every frame. The
-// pull grows with brightness as the formal sigma does: with the halo 0.05 px off it was 0.3 to 1.6 times that sigma for
-// planets of V -2 to -6 (docs/adr/0002-what-repeats.md).
-double repeating_sigma(const Mat2& covariance_px2) { return 0.75 * std::sqrt(0.5 * covariance_px2.trace()); }
+// Wings that are not as believed (a halo that sits beside the core) pull a saturated spot the same way in every frame.
+// The pull grows with brightness as the formal sigma does: with the halo 0.05 px off it was 0.3 to 1.6 times that sigma
+// for planets of V -2 to -6 (docs/adr/0002-what-repeats.md).
+double repeating_sigma(const Mat2& covariance_px2) {
+  return 0.75 * std::sqrt(0.5 * covariance_px2.trace());
+}
 
 }  // namespace
 
@@ -170,8 +172,9 @@ FrameLevel CentroidFinder::measure_level(ImageView<const T> image) {
     level.background_dn = center;
     level.noise_dn = sigma;
   }
-  level.threshold_dn = level.background_dn + (settings_.threshold_dn > 0.0 ? settings_.threshold_dn
-                                                                           : settings_.threshold_sigma * level.noise_dn);
+  level.threshold_dn =
+      level.background_dn +
+      (settings_.threshold_dn > 0.0 ? settings_.threshold_dn : settings_.threshold_sigma * level.noise_dn);
   return level;
 }
 
@@ -196,9 +199,8 @@ void CentroidFinder::add_run(ImageView<const T> image, const FrameLevel& level, 
     while (static_cast<double>(row[s1]) < sensor_.saturation_dn) --s1;
   }
   const double background = level.background_dn;
-  runs_.push_back({static_cast<std::int32_t>(runs_.size()), static_cast<std::int16_t>(v),
-                   static_cast<std::int16_t>(u0), static_cast<std::int16_t>(u1), static_cast<std::int16_t>(s0),
-                   static_cast<std::int16_t>(s1),
+  runs_.push_back({static_cast<std::int32_t>(runs_.size()), static_cast<std::int16_t>(v), static_cast<std::int16_t>(u0),
+                   static_cast<std::int16_t>(u1), static_cast<std::int16_t>(s0), static_cast<std::int16_t>(s1),
                    static_cast<float>(sum - background * (u1 - u0 + 1)),
                    static_cast<float>(static_cast<double>(peak) - background)});
 }
@@ -463,8 +465,7 @@ std::size_t CentroidFinder::find_above(ImageView<const std::uint16_t> image, con
                                        std::span<Centroid> out) {
   return find_in(image, level, out);
 }
-std::size_t CentroidFinder::find_above(ImageView<const float> image, const FrameLevel& level,
-                                       std::span<Centroid> out) {
+std::size_t CentroidFinder::find_above(ImageView<const float> image, const FrameLevel& level, std::span<Centroid> out) {
   return find_in(image, level, out);
 }
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // CentroidFinder: spots of light in a frame, brightest first, each with the covariance of its place.
 //
-// Regions: pixels above a constant threshold (background + n sigma, or a level given in DN), grown over 8 neighbours, with
-// a margin of one pixel. Place: either the centre of the squared intensities, as in the EXTREMA papers, or a fit of the
-// point-spread function (psf_fit.h). The covariance is that of the estimator used (docs/theory/vision.md eq. 1 to 8).
-// Regions at the border of the image, larger than `max_region_px` or sharper than any star are left out.
+// Regions: pixels above a constant threshold (background + n sigma, or a level given in DN), grown over 8 neighbours,
+// with a margin of one pixel. Place: either the centre of the squared intensities, as in the EXTREMA papers, or a fit
+// of the point-spread function (psf_fit.h). The covariance is that of the estimator used (docs/theory/vision.md eq. 1
+// to 8). Regions at the border of the image, larger than `max_region_px` or sharper than any star are left out.
 // Allocates in its constructor and never again.
 #pragma once
 
@@ -22,18 +22,18 @@ enum class CentroidMethod : unsigned char { squared_intensity, psf_fit };
 
 struct CentroidSettings {
   CentroidMethod method = CentroidMethod::psf_fit;
-  double threshold_sigma = 5.0;     // above the background, in its noise
-  double threshold_dn = 0.0;        // above the background; used instead where > 0
+  double threshold_sigma = 5.0;  // above the background, in its noise
+  double threshold_dn = 0.0;     // above the background; used instead where > 0
   int min_region_px = 1;
   int max_region_px = 2000;
-  int max_centroids = 200;          // the brightest are measured
-  bool refuse_sharp = true;         // hot pixels and cosmic rays
+  int max_centroids = 200;   // the brightest are measured
+  bool refuse_sharp = true;  // hot pixels and cosmic rays
 };
 
 struct FrameLevel {
-  double background_dn = 0.0;       // mean of the pixels without sources
-  double noise_dn = 0.0;            // their standard deviation
-  double threshold_dn = 0.0;        // absolute
+  double background_dn = 0.0;  // mean of the pixels without sources
+  double noise_dn = 0.0;       // their standard deviation
+  double threshold_dn = 0.0;   // absolute
 };
 
 // Background and noise by a clipped mean over at most 32,768 pixels spread over the frame.

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/vision/centroids.h"
 
-#include <gtest/gtest.h>
-
 #include <chrono>
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "onboard/vision/synthetic_frame_for_tests.h"
 
@@ -74,8 +74,9 @@ Outcome run(CentroidMethod method, const Truth& truth, double flux_e, int frames
 }
 
 void tell(const char* what, double flux, const Outcome& o) {
-  std::printf("  %-28s %9.3g e-  found %4d/%4d  rms %.4f  predicted %.4f px  ratio %.3f  normalised %.3f  bias %+.4f\n", what,
-              flux, o.found, o.placed, o.rms_px, o.predicted_px, o.rms_px / o.predicted_px, o.normalised, o.mean_u);
+  std::printf("  %-28s %9.3g e-  found %4d/%4d  rms %.4f  predicted %.4f px  ratio %.3f  normalised %.3f  bias %+.4f\n",
+              what, flux, o.found, o.placed, o.rms_px, o.predicted_px, o.rms_px / o.predicted_px, o.normalised,
+              o.mean_u);
 }
 
 // Electrons for a signal-to-noise ratio of 10, 30, 100 and 300 in 5x5 pixels with the default noise.
@@ -152,9 +153,10 @@ TEST(Centroids, SCurve) {
         const Outcome o = run(method, truth, 9e4, 2, 6, phase);
         worst = std::max(worst, std::abs(o.mean_u));
       }
-      std::printf("  S-curve, sigma %.2f, %s: %.4f px\n", sigma, method == CentroidMethod::psf_fit ? "fit" : "squares", worst);
-      // 30 stars a phase with 0.0036 px each: 0.0007 px of noise. Published maxima of the squares: 0.071 at 0.5 px, 0.011
-      // at 0.7, 0.003 at 0.8. The fit believes in 0.8 px whatever the truth.
+      std::printf("  S-curve, sigma %.2f, %s: %.4f px\n", sigma, method == CentroidMethod::psf_fit ? "fit" : "squares",
+                  worst);
+      // 30 stars a phase with 0.0036 px each: 0.0007 px of noise. Published maxima of the squares: 0.071 at 0.5 px,
+      // 0.011 at 0.7, 0.003 at 0.8. The fit believes in 0.8 px whatever the truth.
       const double published = sigma == 0.5 ? 0.071 : sigma == 0.7 ? 0.011 : 0.003;
       if (method == CentroidMethod::squared_intensity)
         EXPECT_NEAR(worst, published, 0.0035) << sigma;
@@ -170,7 +172,8 @@ TEST(Centroids, Speed) {
   ImageU16 image(1024, 1024);
   RandomStream random(StreamId{.purpose = "speed"});
   for (int i = 0; i < 150; ++i)
-    add_source(electrons, truth, random.uniform(10, 1010), random.uniform(10, 1010), 3e3 * std::pow(10.0, random.uniform(0, 2)));
+    add_source(electrons, truth, random.uniform(10, 1010), random.uniform(10, 1010),
+               3e3 * std::pow(10.0, random.uniform(0, 2)));
   expose(electrons, truth, random, image);
   for (const CentroidMethod method : {CentroidMethod::squared_intensity, CentroidMethod::psf_fit}) {
     CentroidSettings settings;

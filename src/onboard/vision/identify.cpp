@@ -10,13 +10,13 @@
 namespace astronav::vision {
 namespace {
 
-constexpr int kTile = 32;                     // px
+constexpr int kTile = 32;  // px
 constexpr std::size_t kMaxStarsInCone = 8192;
 constexpr std::size_t kMaxStarsJudged = 1024;
 constexpr std::size_t kMaxLinks = 16384;
-constexpr std::size_t kMaxCandidates = 256;   // of one triple of spots
+constexpr std::size_t kMaxCandidates = 256;  // of one triple of spots
 constexpr int kConfirmSpots = 24;
-constexpr double kLeastSine = 0.3;            // of a triangle's widest corner
+constexpr double kLeastSine = 0.3;  // of a triangle's widest corner
 
 // Sine of the largest angle's corner, or 0 where all three lie in a line: how well two sides fix the third star.
 double widest_sine(const Vec3& a, const Vec3& b, const Vec3& c) {
@@ -26,7 +26,9 @@ double widest_sine(const Vec3& a, const Vec3& b, const Vec3& c) {
   return area2 * std::max({l0, l1, l2}) / (l0 * l1 * l2);
 }
 
-double handedness(const Vec3& a, const Vec3& b, const Vec3& c) { return a.dot(b.cross(c)); }
+double handedness(const Vec3& a, const Vec3& b, const Vec3& c) {
+  return a.dot(b.cross(c));
+}
 
 }  // namespace
 
@@ -167,8 +169,8 @@ void Identifier::drop_mixed(std::span<const Centroid> spots) {
   }
   const auto mixed = [&](std::uint32_t k) {
     const Star& star = stars_[k];
-    const double sigma = std::hypot(std::sqrt(0.5 * spots[star.spot].covariance_px2.trace()),
-                                    settings_.attitude.extra_sigma_px);
+    const double sigma =
+        std::hypot(std::sqrt(0.5 * spots[star.spot].covariance_px2.trace()), settings_.attitude.extra_sigma_px);
     for (int y = tile(star.pixel.v - reach, grid_height_); y <= tile(star.pixel.v + reach, grid_height_); ++y) {
       for (int x = tile(star.pixel.u - reach, grid_width_); x <= tile(star.pixel.u + reach, grid_width_); ++x) {
         for (std::int32_t j = star_grid_[static_cast<std::size_t>(y) * grid_width_ + x]; j >= 0; j = star_next_[j]) {
@@ -227,7 +229,8 @@ std::size_t Identifier::triangles(const Vec3& a, const Vec3& b, const Vec3& c) {
     return angle;
   };
   double ab_min, ab_max, ac_min, ac_max, bc_min, bc_max;
-  const double longest = std::max({range(a, b, ab_min, ab_max), range(a, c, ac_min, ac_max), range(b, c, bc_min, bc_max)});
+  const double longest =
+      std::max({range(a, b, ab_min, ab_max), range(a, c, ac_min, ac_max), range(b, c, bc_min, bc_max)});
   if (longest > index_.max_angle_rad()) return 0;
   if (widest_sine(a, b, c) < kLeastSine) return 0;
   const bool right_handed = handedness(a, b, c) > 0.0;
@@ -324,8 +327,7 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   double chance = 1.0;
   for (const int first : {15, 30, 60, static_cast<int>(spots.size())}) {
     int hits = 0;
-    for (std::size_t i = 0; i < sights_.size(); ++i)
-      hits += sights_[i].used && stars_[sight_star_[i]].spot < first;
+    for (std::size_t i = 0; i < sights_.size(); ++i) hits += sights_[i].used && stars_[sight_star_[i]].spot < first;
     const int looked_at = std::min(first, static_cast<int>(spots.size()));
     chance = std::min(chance, 4.0 * tried * chance_of_matches(looked_at - given, hits - given, std::min(p, 0.9)));
   }

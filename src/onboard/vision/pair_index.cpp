@@ -172,7 +172,8 @@ Result<PairIndex> PairIndex::open(std::span<const std::byte> bytes) {
 
 std::span<const PairIndex::Pair> PairIndex::pairs(double cos_min, double cos_max) const {
   const double slots = static_cast<double>(first_.size() - 1);
-  const double lo = std::floor((cos_min - cos_first_) * slots_per_cos_), hi = std::floor((cos_max - cos_first_) * slots_per_cos_);
+  const double lo = std::floor((cos_min - cos_first_) * slots_per_cos_),
+               hi = std::floor((cos_max - cos_first_) * slots_per_cos_);
   if (!(hi >= 0.0) || !(lo < slots)) return {};
   const std::size_t from = first_[static_cast<std::size_t>(std::max(lo, 0.0))];
   const std::size_t to = first_[static_cast<std::size_t>(std::min(hi, slots - 1.0)) + 1];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PairIndex: pairs of stars by the angle between them (k-vector, Mortari 1997), in one flat block of bytes that a flight
-// computer can map. docs/formats.md; built on the ground by build_pair_index().
+// PairIndex: pairs of stars by the angle between them (k-vector, Mortari 1997), in one flat block of bytes that a
+// flight computer can map. docs/formats.md; built on the ground by build_pair_index().
 #pragma once
 
 #include <cstddef>
@@ -14,10 +14,10 @@
 
 namespace astronav::vision {
 
-// Which stars make asterisms. Going from the brightest down, a star is taken if fewer than `neighbours` are taken already
-// within `radius_rad` of it: the list is then even over the sky, however narrow the field.
+// Which stars make asterisms. Going from the brightest down, a star is taken if fewer than `neighbours` are taken
+// already within `radius_rad` of it: the list is then even over the sky, however narrow the field.
 struct AsterismSettings {
-  double max_angle_rad = 0.0;   // longest pair
+  double max_angle_rad = 0.0;  // longest pair
   double radius_rad = 0.0;
   int neighbours = 4;
   double max_v_mag = 9.0;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/vision/planets.h"
 
-#include <Eigen/LU>
 #include <cmath>
+
+#include <Eigen/LU>
 
 #include "foundation/math/rotation.h"
 
@@ -15,9 +16,8 @@ Result<PredictedPixel> predict_pixel(const PlanetPrediction& prediction, const A
   if (!pixel) return forward(pixel);
   const Mat23 by_navigation = by_direction * attitude.R_CN;
   const Mat23 by_attitude = by_direction * cross_matrix(direction_C);
-  return PredictedPixel{*pixel,
-                        by_navigation * prediction.direction_covariance * by_navigation.transpose() +
-                            by_attitude * attitude.covariance_rad2 * by_attitude.transpose()};
+  return PredictedPixel{*pixel, by_navigation * prediction.direction_covariance * by_navigation.transpose() +
+                                    by_attitude * attitude.covariance_rad2 * by_attitude.transpose()};
 }
 
 PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSolution& attitude,

@@ -11,10 +11,10 @@
 namespace astronav::vision {
 
 struct PlanetSettings {
-  double gate_d2 = 18.4;             // chi-square, 2 degrees of freedom, 99.99 %
-  double brightness_sigma_mag = 0.5; // of predicted against measured
+  double gate_d2 = 18.4;              // chi-square, 2 degrees of freedom, 99.99 %
+  double brightness_sigma_mag = 0.5;  // of predicted against measured
   double brightness_gate_mag = 2.5;
-  double ambiguity = 20.0;           // the best spot must be this many times likelier than the next
+  double ambiguity = 20.0;  // the best spot must be this many times likelier than the next
   double star_max_v_mag = 8.0;
 };
 
@@ -25,7 +25,8 @@ struct PredictedPixel {
 };
 Result<PredictedPixel> predict_pixel(const PlanetPrediction& prediction, const AttitudeSolution& attitude);
 
-// `is_star[i]`: spot i was matched to a star, or to another planet before. Not found where two spots are about as likely.
+// `is_star[i]`: spot i was matched to a star, or to another planet before. Not found where two spots are about as
+// likely.
 PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSolution& attitude,
                         std::span<const Centroid> spots, std::span<const unsigned char> is_star,
                         const PlanetSettings& settings = {});

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/vision/psf_fit.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <utility>
+
+#include <Eigen/Cholesky>
 
 namespace astronav::vision {
 namespace {
@@ -279,8 +280,8 @@ class SaturatedFit {
         const double halo_u = flux * p(4) * halo_x_.by_center[i] * halo_y_.share[j];
         const double halo_v = flux * p(4) * halo_x_.share[i] * halo_y_.by_center[j];
         Vec jacobian;
-        jacobian << flux * x_.by_center[i] * y_.share[j] + halo_u, flux * x_.share[i] * y_.by_center[j] + halo_v, signal,
-            flux * (x_.by_sigma[i] * y_.share[j] + x_.share[i] * y_.by_sigma[j]), flux * halo, halo_u, halo_v,
+        jacobian << flux * x_.by_center[i] * y_.share[j] + halo_u, flux * x_.share[i] * y_.by_center[j] + halo_v,
+            signal, flux * (x_.by_sigma[i] * y_.share[j] + x_.share[i] * y_.by_sigma[j]), flux * halo, halo_u, halo_v,
             flux * p(4) * (halo_x_.by_sigma[i] * halo_y_.share[j] + halo_x_.share[i] * halo_y_.by_sigma[j]);
         information_.noalias() += weight * jacobian * jacobian.transpose();
         gradient_ += weight * residual * jacobian;

@@ -19,11 +19,11 @@ namespace astronav::vision {
 struct SensorModel {
   double gain_e_dn = 1.0;
   double read_noise_e = 0.0;
-  double photo_nonuniformity = 0.0;   // PRNU, 1 sigma
-  double saturation_dn = 65535.0;     // a pixel at or above this tells nothing but "bright"
+  double photo_nonuniformity = 0.0;  // PRNU, 1 sigma
+  double saturation_dn = 65535.0;    // a pixel at or above this tells nothing but "bright"
   double psf_sigma_px = 0.8;
   // What the Gaussian may be wrong by, 1 sigma.
-  double halo_fraction = 0.01;        // energy in a wide halo that nobody measured
+  double halo_fraction = 0.01;  // energy in a wide halo that nobody measured
   double halo_sigma_px = 3.0;
   double psf_sigma_relative = 0.08;   // of the width
   double psf_shape_relative = 0.003;  // of the light in a pixel, for saturated spots
@@ -47,7 +47,7 @@ struct PsfFit {
   Mat2 covariance_px2 = Mat2::Identity();
   double flux_dn = 0.0;
   double flux_sigma_dn = 0.0;
-  double sigma_px = 0.0;      // the width, as believed or as found
+  double sigma_px = 0.0;  // the width, as believed or as found
   double chi2_per_dof = 0.0;
 };
 
@@ -71,8 +71,8 @@ struct Companion {
   double flux_dn = 0.0;
 };
 
-// The same beside a companion (the Moon beside the Earth): its light is taken away, and the fit repeated until both agree.
-// Its flux is believed to 10 %; what that moves the place by is added to the covariance.
+// The same beside a companion (the Moon beside the Earth): its light is taken away, and the fit repeated until both
+// agree. Its flux is believed to 10 %; what that moves the place by is added to the covariance.
 template <typename T>
 PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                       double background_sigma_dn, const SensorModel& sensor, const Companion& companion);

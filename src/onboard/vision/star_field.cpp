@@ -11,7 +11,9 @@
 namespace astronav::vision {
 namespace {
 
-int cell_of(double x, int cells) { return std::clamp(static_cast<int>((x + 1.0) * 0.5 * cells), 0, cells - 1); }
+int cell_of(double x, int cells) {
+  return std::clamp(static_cast<int>((x + 1.0) * 0.5 * cells), 0, cells - 1);
+}
 
 }  // namespace
 

@@ -16,10 +16,10 @@ struct Centroid {
   Mat2 covariance_px2 = Mat2::Identity();
   // The share of the error that repeats from frame to frame, per axis, 1 sigma; beside the covariance.
   double repeating_sigma_px = 0.0;
-  double flux_dn = 0.0;     // above the background
-  double peak_dn = 0.0;     // above the background
+  double flux_dn = 0.0;  // above the background
+  double peak_dn = 0.0;  // above the background
   double snr = 0.0;
-  int pixels = 0;           // in the connected region
+  int pixels = 0;  // in the connected region
   bool saturated = false;
 };
 
@@ -34,7 +34,7 @@ struct AttitudeSolution {
   Mat3 R_CN = Mat3::Identity();
   // Of the error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
   Mat3 covariance_rad2 = Mat3::Zero();
-  Intrinsics intrinsics;        // as used, or as solved for
+  Intrinsics intrinsics;  // as used, or as solved for
   bool mirrored = false;
   double residual_rms_px = 0.0;
   double chance_probability = 1.0;
@@ -44,10 +44,10 @@ struct AttitudeSolution {
 // Where a planet should be, told by the navigation.
 struct PlanetPrediction {
   BodyId body;
-  Vec3 direction_N;                        // apparent unit vector (light time, aberration, centre of light)
+  Vec3 direction_N;                          // apparent unit vector (light time, aberration, centre of light)
   Mat3 direction_covariance = Mat3::Zero();  // of the unit vector, N
   double v_mag = 0.0;
-  double expected_flux_dn = 0.0;             // 0: brightness is not used
+  double expected_flux_dn = 0.0;  // 0: brightness is not used
   // A body beside it whose light may run into its spot (the Moon beside the Earth). Flux 0: none.
   Vec3 companion_direction_N = Vec3::Zero();
   double companion_flux_dn = 0.0;
@@ -57,7 +57,7 @@ struct PlanetMatch {
   BodyId body;
   std::uint32_t centroid = 0;
   Pixel predicted;
-  double mahalanobis = 0.0;   // d^2 of the innovation
+  double mahalanobis = 0.0;  // d^2 of the innovation
   bool found = false;
 };
 

@@ -43,7 +43,8 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   const double centroided = now_ms();
 
   Result<Identification> known = fail(ErrorCode::no_match, "no prior attitude");
-  if (prior_R_CN) known = identifier_.track(result_.centroids, observer, *prior_R_CN, settings_.prior_radius_px, stars_);
+  if (prior_R_CN)
+    known = identifier_.track(result_.centroids, observer, *prior_R_CN, settings_.prior_radius_px, stars_);
   result_.source = AttitudeSource::prior;
   if (!known) {
     known = identifier_.lost_in_space(result_.centroids, observer, stars_);
@@ -75,13 +76,14 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   return result_;
 }
 
-// The spot nearest to the prediction is measured again with the companion's light taken away: blended, it would be off by
-// more than its covariance says, and be refused.
+// The spot nearest to the prediction is measured again with the companion's light taken away: blended, it would be off
+// by more than its covariance says, and be refused.
 void Vision::part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction) {
-  constexpr double kNearPx = 4.0;      // a blended centroid lies this near to the planet
+  constexpr double kNearPx = 4.0;        // a blended centroid lies this near to the planet
   constexpr double kCompanionPx = 20.0;  // beyond it the light does not reach the window
   const Result<PredictedPixel> planet = predict_pixel(prediction, result_.attitude);
-  const Result<Pixel> companion = project(result_.attitude.intrinsics, result_.attitude.R_CN * prediction.companion_direction_N);
+  const Result<Pixel> companion =
+      project(result_.attitude.intrinsics, result_.attitude.R_CN * prediction.companion_direction_N);
   if (!planet || !companion) return;
   const Companion beside{companion->vec() - planet->pixel.vec(), prediction.companion_flux_dn};
   if (beside.offset_px.norm() > kCompanionPx) return;

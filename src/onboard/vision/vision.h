@@ -23,7 +23,7 @@ struct VisionSettings {
   CentroidSettings centroids;
   IdentifySettings identify;
   PlanetSettings planets;
-  double prior_radius_px = 15.0;   // how far off a prior attitude may put the stars
+  double prior_radius_px = 15.0;  // how far off a prior attitude may put the stars
   std::size_t max_planets = 16;
 };
 
@@ -35,11 +35,11 @@ struct StageTimes {  // ms
 
 struct FrameResult {
   FrameLevel level;
-  std::span<const Centroid> centroids;      // brightest first
+  std::span<const Centroid> centroids;  // brightest first
   AttitudeSource source = AttitudeSource::none;
-  AttitudeSolution attitude;                // valid where source != none
+  AttitudeSolution attitude;  // valid where source != none
   std::span<const MatchedStar> stars;
-  std::span<const PlanetMatch> planets;     // one for each prediction, in step; found or not
+  std::span<const PlanetMatch> planets;  // one for each prediction, in step; found or not
   int hypotheses = 0;
   StageTimes time_ms;
 };

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/vision/vision.h"
 
-#include <gtest/gtest.h>
-
 #include <atomic>
 #include <cmath>
 #include <cstdlib>
 #include <new>
 #include <tuple>
+
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/rotation.h"
@@ -27,8 +27,12 @@ void* operator new(std::size_t size) {
   if (void* p = std::malloc(size)) return p;
   std::abort();
 }
-void operator delete(void* p) noexcept { std::free(p); }
-void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+void operator delete(void* p) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t) noexcept {
+  std::free(p);
+}
 
 namespace astronav::vision {
 namespace {
@@ -61,11 +65,13 @@ const Sky& sky() {
 
 constexpr double kElectronsV0 = 2.28e6;  // the 20-degree camera, solar colour
 
-Intrinsics camera20() { return Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree); }
+Intrinsics camera20() {
+  return Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree);
+}
 
 Mat3 random_attitude(RandomStream& random) {
-  return R_CN_from_pointing({random.uniform(0.0, 2.0 * kPi), std::asin(random.uniform(-1.0, 1.0)),
-                             random.uniform(0.0, 2.0 * kPi)});
+  return R_CN_from_pointing(
+      {random.uniform(0.0, 2.0 * kPi), std::asin(random.uniform(-1.0, 1.0)), random.uniform(0.0, 2.0 * kPi)});
 }
 
 // A frame of the real sky as a Gaussian camera sees it. `extra`: more sources.
@@ -124,10 +130,11 @@ TEST(Vision, FindsItsWayFromNothing) {
     identify_ms.push_back(result.time_ms.identify);
     worst_ms = std::max(worst_ms, result.time_ms.total);
   }
-  std::printf("  %d of %d, %.0f stars a frame, chi2/3 %.3f, worst cross-axis %.2f arcsec; ms: centroid %.2f identify %.2f "
-              "total %.2f worst %.2f\n",
-              solved, kFrames, matched / solved, chi2 / (3.0 * solved), worst_cross / kArcsecond, median(centroid_ms),
-              median(identify_ms), median(total_ms), worst_ms);
+  std::printf(
+      "  %d of %d, %.0f stars a frame, chi2/3 %.3f, worst cross-axis %.2f arcsec; ms: centroid %.2f identify %.2f "
+      "total %.2f worst %.2f\n",
+      solved, kFrames, matched / solved, chi2 / (3.0 * solved), worst_cross / kArcsecond, median(centroid_ms),
+      median(identify_ms), median(total_ms), worst_ms);
   EXPECT_EQ(solved, kFrames);
   EXPECT_LT(worst_cross, 1.5 * kArcsecond);
   // False alarm 1 in 1000.
@@ -164,8 +171,7 @@ PlanetPrediction prediction_of(BodyId body, const Vec3& direction_N, double sigm
   PlanetPrediction p;
   p.body = body;
   p.direction_N = direction_N;
-  p.direction_covariance =
-      (Mat3::Identity() - direction_N * direction_N.transpose()) * sigma_rad * sigma_rad;
+  p.direction_covariance = (Mat3::Identity() - direction_N * direction_N.transpose()) * sigma_rad * sigma_rad;
   p.expected_flux_dn = electrons / truth.gain_e_dn;
   return p;
 }
@@ -189,8 +195,8 @@ TEST(Vision, FindsPlanetsWhereTheyArePredicted) {
     for (int i = 0; i < 2; ++i) {
       const Vec3 direction = scene.R_CN.transpose() * *unproject(camera, planets[i].pixel);
       const Vec3 off(random.normal(), random.normal(), random.normal());
-      predictions[i] = prediction_of(i == 0 ? body::jupiter : body::mars, (direction + kSigma * off).normalized(), kSigma,
-                                     planets[i].electrons, truth);
+      predictions[i] = prediction_of(i == 0 ? body::jupiter : body::mars, (direction + kSigma * off).normalized(),
+                                     kSigma, planets[i].electrons, truth);
     }
     const FrameResult& result = vision.process(scene.image, scene.observer, {}, predictions);
     ASSERT_EQ(result.planets.size(), 2u);

@@ -11,7 +11,9 @@ namespace {
 // Beyond this many sigma a law holds less than 2^-39.
 constexpr double kReach = 7.0;
 
-double normal_cdf(double x) { return 0.5 * std::erfc(-x * 0.70710678118654752440); }
+double normal_cdf(double x) {
+  return 0.5 * std::erfc(-x * 0.70710678118654752440);
+}
 
 // Electrons that a Poisson law of these means can bring (a little wider than kReach, for its skewness).
 struct Span {
@@ -60,7 +62,8 @@ DnTables::DnTables(const DnChain& chain, std::span<const double> means_e) {
     }
     double below = 0.0;
     for (std::size_t i = 0; i < dn_count; ++i) {
-      const double edge_e = (static_cast<double>(dn.first) + static_cast<double>(i) + 0.5 - chain.bias_dn) * chain.gain_e_dn;
+      const double edge_e =
+          (static_cast<double>(dn.first) + static_cast<double>(i) + 0.5 - chain.bias_dn) * chain.gain_e_dn;
       const double up_to = i + 1 == dn_count ? 1.0 : normal_cdf((edge_e - well) / chain.read_noise_e);
       out[i] = up_to - below;
       below = up_to;

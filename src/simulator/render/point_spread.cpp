@@ -25,7 +25,8 @@ void integrate(double centre, double sigma, int begin, int end, std::vector<floa
   }
 }
 
-Window add_within(ImageView<float> image, Pixel centre, double sigma_px, double reach, double electrons, Scratch& scratch) {
+Window add_within(ImageView<float> image, Pixel centre, double sigma_px, double reach, double electrons,
+                  Scratch& scratch) {
   if (!(electrons > 0.0)) return {};
   // A source far outside stays out of the conversion to int.
   if (!(centre.u + reach > -1.0 && centre.u - reach < image.width() && centre.v + reach > -1.0 &&
@@ -73,8 +74,8 @@ double core_sigma(const Camera& camera, Pixel at) {
   const Intrinsics& c = camera.intrinsics;
   const double du = at.u - c.cx_px;
   const double dv = at.v - c.cy_px;
-  const double half_diagonal2 = 0.25 * (static_cast<double>(c.width_px) * c.width_px +
-                                        static_cast<double>(c.height_px) * c.height_px);
+  const double half_diagonal2 =
+      0.25 * (static_cast<double>(c.width_px) * c.width_px + static_cast<double>(c.height_px) * c.height_px);
   return camera.psf.sigma_px + camera.psf.sigma_growth_px * (du * du + dv * dv) / half_diagonal2;
 }
 

@@ -105,7 +105,8 @@ Means means_of(const Detector& d, double exposure_s, const NoiseSwitches& switch
 
 }  // namespace
 
-std::shared_ptr<const Renderer::Background> Renderer::background(double exposure_s, const NoiseSwitches& switches) const {
+std::shared_ptr<const Renderer::Background> Renderer::background(double exposure_s,
+                                                                 const NoiseSwitches& switches) const {
   {
     const std::lock_guard lock(cache_->mutex);
     if (cache_->last && cache_->last->exposure_s == exposure_s && cache_->last->switches == switches) {

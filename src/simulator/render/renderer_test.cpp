@@ -2,11 +2,11 @@
 // Chi-square tests reject at p < 1e-3 under a fixed seed: with another seed each would fail once in a thousand.
 #include "simulator/render/renderer.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <map>
 #include <thread>
+
+#include <gtest/gtest.h>
 
 #include "foundation/math/statistics.h"
 
@@ -73,7 +73,8 @@ std::vector<double> dn_law(const Detector& d, double mean_e, int dn_count) {
     double below = 0.0;
     for (int i = 0; i < dn_count; ++i) {
       const double edge_e = (i + 0.5 - d.bias_dn) * d.gain_e_dn;
-      const double up_to = i + 1 == dn_count ? 1.0 : 0.5 * std::erfc(-(edge_e - well) / (d.read_noise_e * std::sqrt(2.0)));
+      const double up_to =
+          i + 1 == dn_count ? 1.0 : 0.5 * std::erfc(-(edge_e - well) / (d.read_noise_e * std::sqrt(2.0)));
       law[static_cast<std::size_t>(i)] += poisson * (up_to - below);
       below = up_to;
     }

@@ -26,7 +26,8 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
     settings.process.attractors[count++] = *id;
   }
   settings.process.reflectivity_area_m2 = belief.area_to_mass_cr_m2_kg * kBelievedMassKg;
-  settings.process.acceleration = {.sigma = belief.acceleration_sigma_m_s2, .tau_s = belief.acceleration_tau_days * 86400.0};
+  settings.process.acceleration = {.sigma = belief.acceleration_sigma_m_s2,
+                                   .tau_s = belief.acceleration_tau_days * 86400.0};
   settings.camera = camera.intrinsics;
   settings.sight.centre_of_light = belief.photocentre;
   settings.gate_probability = belief.gate_probability;
@@ -81,7 +82,8 @@ Result<executive::CycleSettings> cycle_settings(const scenario::Scenario& s) {
                 {settings.tracking.seconds(), settings.image_period.seconds()}, "conops.image_period_s");
   }
   if (settings.cycle < settings.tracking * 2 + settings.slew) {
-    return fail(ErrorCode::invalid_argument, "a cycle of {0} days is shorter than its two windows and the slew between them",
+    return fail(ErrorCode::invalid_argument,
+                "a cycle of {0} days is shorter than its two windows and the slew between them",
                 {settings.cycle.days()}, "conops.cycle_days");
   }
   return settings;

@@ -17,7 +17,8 @@ namespace astronav::loop {
 inline constexpr double kBelievedMassKg = 25.0;
 
 // Sights without images (mil) carry no camera errors: the camera states are off there.
-Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& scenario, const Camera& camera, Level level);
+Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& scenario, const Camera& camera,
+                                                   Level level);
 vision::VisionSettings vision_settings(const scenario::Scenario& scenario);
 navigation::BeaconSettings beacon_settings(const scenario::Scenario& scenario, const Camera& camera);
 Result<executive::CycleSettings> cycle_settings(const scenario::Scenario& scenario);

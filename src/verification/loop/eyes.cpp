@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/eyes.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <unordered_map>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "foundation/math/rotation.h"
 #include "foundation/math/statistics.h"
@@ -71,9 +71,9 @@ Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_
   const Camera& camera = world_.camera();
   auto before = std::chrono::steady_clock::now();
   const Vec3 boresight_N = R_CN.row(2).transpose();
-  const auto sky = world_.sky().look(event.epoch, truth_O, boresight_N,
-                                     camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree, world_.band(),
-                                     world_.sky_settings());
+  const auto sky =
+      world_.sky().look(event.epoch, truth_O, boresight_N, camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree,
+                        world_.band(), world_.sky_settings());
   if (!sky) return forward(sky);
   sources_ = render::place_sources(*sky, camera, R_CN, camera.exposure_s);
   world_.renderer().frame(sources_, camera.exposure_s, noise, frame_);
@@ -99,8 +99,8 @@ void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, Bo
   event.spots = static_cast<int>(seen.centroids.size());
   event.attitude_found = seen.source != vision::AttitudeSource::none;
   if (event.attitude_found) {
-    // R_CN_true = exp(-[theta]x) R_CN_found, both in the axes of the believed camera: a principal point that is not where
-    // it is believed turns the axes, not the picture.
+    // R_CN_true = exp(-[theta]x) R_CN_found, both in the axes of the believed camera: a principal point that is not
+    // where it is believed turns the axes, not the picture.
     event.attitude_error_rad = -rotation_log(R_believed_true_ * R_CN * seen.attitude.R_CN.transpose());
     event.attitude_sigma_rad = seen.attitude.covariance_rad2.diagonal().cwiseSqrt();
     const double worst = event.attitude_error_rad.cwiseQuotient(event.attitude_sigma_rad).cwiseAbs().maxCoeff();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Eyes: software in the loop. Renders what the true camera sees, lets the onboard software look, and notes how right it was.
+// Eyes: software in the loop. Renders what the true camera sees, lets the onboard software look, and notes how right it
+// was.
 #pragma once
 
 #include <cstddef>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/files.h"
 
-#include <fmt/format.h>
-
 #include <cmath>
 #include <iterator>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "foundation/files/mapped_file.h"
 
@@ -13,11 +13,16 @@ namespace astronav::loop {
 
 std::string_view name(EventKind kind) {
   switch (kind) {
-    case EventKind::image: return "image";
-    case EventKind::window_end: return "window_end";
-    case EventKind::cycle_end: return "cycle_end";
-    case EventKind::coast_end: return "coast_end";
-    case EventKind::coast_sample: return "coast_sample";
+    case EventKind::image:
+      return "image";
+    case EventKind::window_end:
+      return "window_end";
+    case EventKind::cycle_end:
+      return "cycle_end";
+    case EventKind::coast_end:
+      return "coast_end";
+    case EventKind::coast_sample:
+      return "coast_sample";
   }
   return "";
 }
@@ -58,9 +63,9 @@ std::string records_csv(const Records& records) {
     if (e.kind == EventKind::image) {
       const Vec2 innovation_sigma = e.innovation_covariance_px2.diagonal().cwiseSqrt();
       fmt::format_to(to, ",{:d},{:d},{:d},{:d},{:d},{:.5f},{:.5f},{:.5f},{:.5f},{:.4f},{:.5f},{:.5f},{:.5f},{:.5f}",
-                     e.attitude_found, e.attitude_wrong, e.planet_found, e.planet_false, e.accepted, e.innovation_px.x(),
-                     e.innovation_px.y(), innovation_sigma.x(), innovation_sigma.y(), e.nis, e.planet_error_px.x(),
-                     e.planet_error_px.y(), e.planet_sigma_px.x(), e.planet_sigma_px.y());
+                     e.attitude_found, e.attitude_wrong, e.planet_found, e.planet_false, e.accepted,
+                     e.innovation_px.x(), e.innovation_px.y(), innovation_sigma.x(), innovation_sigma.y(), e.nis,
+                     e.planet_error_px.x(), e.planet_error_px.y(), e.planet_sigma_px.x(), e.planet_sigma_px.y());
       three(e.attitude_error_rad, 1.0 / kArcsecond, ",{:.4f}");
       three(e.attitude_sigma_rad, 1.0 / kArcsecond, ",{:.4f}");
       fmt::format_to(to, ",{},{},", e.stars_matched, e.spots);
@@ -101,17 +106,17 @@ Oem estimate_oem(const Records& records) {
   return oem;
 }
 
-Oem truth_oem(const Records& records) { return states_of(records, &Event::truth, "ASTRONAV TRUTH"); }
+Oem truth_oem(const Records& records) {
+  return states_of(records, &Event::truth, "ASTRONAV TRUTH");
+}
 
 Result<void> write_files(const std::filesystem::path& folder, const Records& records, const Summary& summary) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) return fail(ErrorCode::io_failure, "cannot make the folder: {s}", {}, folder.string(), error.message());
   const std::pair<const char*, std::string> files[] = {
-      {"summary.json", to_json(summary) + "\n"},
-      {"estimate.oem", to_text(estimate_oem(records))},
-      {"truth.oem", to_text(truth_oem(records))},
-      {"records.csv", records_csv(records)},
+      {"summary.json", to_json(summary) + "\n"},         {"estimate.oem", to_text(estimate_oem(records))},
+      {"truth.oem", to_text(truth_oem(records))},        {"records.csv", records_csv(records)},
       {"scenario.resolved.toml", records.scenario_toml},
   };
   for (const auto& [file, text] : files) {

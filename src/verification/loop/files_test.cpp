@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/files.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <filesystem>
 #include <sstream>
+
+#include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
 #include "support/synthetic_records.h"

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/mission.h"
 
-#include <fmt/format.h>
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <chrono>
 #include <memory>
 #include <utility>
+
+#include <fmt/format.h>
+#include <sys/resource.h>
 
 #include "foundation/math/random.h"
 #include "onboard/executive/navigator.h"
@@ -31,7 +31,9 @@ double peak_memory_mb() {
   return static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 
-const char* name(Level level) { return level == Level::mil ? "mil" : "sil"; }
+const char* name(Level level) {
+  return level == Level::mil ? "mil" : "sil";
+}
 
 // One mission in flight: the truth on one side, the navigator on the other, the records between them.
 class Flight {
@@ -57,7 +59,7 @@ class Flight {
   Mat3 true_attitude(const Vec3& aim_N, double roll_rad, int image) const;
   void progress(const executive::Timeline& timeline, int cycle, int window, int k, BodyId beacon) const;
 
-  Result<void> measure(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);  // mil
+  Result<void> measure(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);     // mil
   Result<void> photograph(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);  // sil
 
   const scenario::Scenario& scenario_;
@@ -108,7 +110,8 @@ Result<Records> Flight::fly() {
   records_.sample = options_.sample;
   records_.version = ASTRONAV_VERSION;
   records_.scenario_toml = scenario::to_toml(
-      scenario_, {.version = records_.version, .level = records_.level, .seed = options_.seed, .sample = options_.sample});
+      scenario_,
+      {.version = records_.version, .level = records_.level, .seed = options_.seed, .sample = options_.sample});
   records_.peak_memory_mb = peak_memory_mb();
   records_.wall_s = milliseconds_since(started) * 1e-3;
   if (options_.progress) options_.progress(1.0, "arrived");
@@ -174,7 +177,8 @@ Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
   const double roll = stream.uniform(0.0, 2.0 * kPi);
   for (int k = 0; k < timeline_->images_per_window(); ++k) {
     progress(*timeline_, cycle, window, k, beacon);
-    if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon, roll); !ok) return ok;
+    if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon, roll); !ok)
+      return ok;
   }
   return {};
 }
@@ -194,7 +198,8 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   image.window = window;
   image.body = beacon;
   image.image = records_.images++;
-  const auto done = options_.level == Level::mil ? measure(image, *truth, R_CN, beacon) : photograph(image, *truth, R_CN, beacon);
+  const auto done =
+      options_.level == Level::mil ? measure(image, *truth, R_CN, beacon) : photograph(image, *truth, R_CN, beacon);
   if (!done) return done;
   const auto after = event(EventKind::image, mid_exposure, cycle, window, beacon);
   if (!after) return forward(after);
@@ -301,7 +306,8 @@ Result<void> Flight::record(EventKind kind, int cycle, int window, BodyId body) 
   return {};
 }
 
-Result<void> Flight::record_beacons(int cycle, const navigation::BeaconSelection& selection, BodyId first, BodyId second) {
+Result<void> Flight::record_beacons(int cycle, const navigation::BeaconSelection& selection, BodyId first,
+                                    BodyId second) {
   BeaconChoice choice;
   choice.cycle = cycle;
   choice.epoch = timeline_->window_begin(cycle, 0);
@@ -335,9 +341,9 @@ void Flight::progress(const executive::Timeline& timeline, int cycle, int window
   const double per_cycle = 2.0 * timeline.images_per_window();
   const double done = (cycle + (window * timeline.images_per_window() + k) / per_cycle) / timeline.cycles();
   const Mat6 P = navigator_->filter().covariance_pv();
-  options_.progress(done, fmt::format("cycle {} of {}, tracking {}, place known to {:.0f} km (3 sigma)", cycle + 1,
-                                      timeline.cycles(), body_name(beacon),
-                                      3.0 * std::sqrt(P.topLeftCorner<3, 3>().trace()) * 1e-3));
+  options_.progress(
+      done, fmt::format("cycle {} of {}, tracking {}, place known to {:.0f} km (3 sigma)", cycle + 1, timeline.cycles(),
+                        body_name(beacon), 3.0 * std::sqrt(P.topLeftCorner<3, 3>().trace()) * 1e-3));
 }
 
 }  // namespace

@@ -20,8 +20,8 @@ struct FlyOptions {
   Level level = Level::sil;
   std::uint64_t seed = 1;
   std::uint64_t sample = 0;
-  int keep_frames = 4;      // pictures for the report
-  ProgressSink progress;    // may be empty
+  int keep_frames = 4;    // pictures for the report
+  ProgressSink progress;  // may be empty
 };
 
 // Everything in the records follows from scenario, seed and sample: the same bits on the same build.

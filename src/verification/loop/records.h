@@ -30,27 +30,27 @@ enum class EventKind : unsigned char {
 struct Event {
   EventKind kind = EventKind::image;
   Epoch epoch;
-  int cycle = 0;                // from 0
-  int window = 0;               // 0 or 1
-  int image = -1;               // running number, -1 for events without an image
-  BodyId body;                  // the beacon, where there is one
-  State truth;                  // barycentric
+  int cycle = 0;   // from 0
+  int window = 0;  // 0 or 1
+  int image = -1;  // running number, -1 for events without an image
+  BodyId body;     // the beacon, where there is one
+  State truth;     // barycentric
   State estimate;
   Mat6 covariance = Mat6::Zero();  // of position and velocity, m, m/s
-  double nees = 0.0;            // of the 6 states
+  double nees = 0.0;               // of the 6 states
 
   // image only
   bool attitude_found = false;
-  bool attitude_wrong = false;      // found, but off by more than 5 sigma and 60 arcsec
-  bool planet_found = false;        // a spot was accepted as the planet
-  bool planet_false = false;        // ... and it was not the planet (more than 3 px off)
-  bool accepted = false;            // the filter took the measurement
+  bool attitude_wrong = false;  // found, but off by more than 5 sigma and 60 arcsec
+  bool planet_found = false;    // a spot was accepted as the planet
+  bool planet_false = false;    // ... and it was not the planet (more than 3 px off)
+  bool accepted = false;        // the filter took the measurement
   Vec2 innovation_px = Vec2::Zero();
   Mat2 innovation_covariance_px2 = Mat2::Zero();
   double nis = 0.0;
-  Vec2 planet_error_px = Vec2::Zero();      // measured minus true pixel, as the onboard software sees it
+  Vec2 planet_error_px = Vec2::Zero();  // measured minus true pixel, as the onboard software sees it
   Vec2 planet_sigma_px = Vec2::Zero();
-  Vec3 attitude_error_rad = Vec3::Zero();   // camera axes
+  Vec3 attitude_error_rad = Vec3::Zero();  // camera axes
   Vec3 attitude_sigma_rad = Vec3::Zero();
   int stars_matched = 0;
   int spots = 0;

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/summary.h"
 
-#include <fmt/format.h>
-
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <nlohmann/json.hpp>
 #include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 namespace astronav::loop {
 namespace {
@@ -17,8 +17,12 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kSunGm = 1.32712440041279419e20;  // m3/s2, DE440
 
-double ratio(double a, double b) { return b > 0.0 ? a / b : kNan; }
-double root_mean(double sum2, double count) { return count > 0.0 ? std::sqrt(sum2 / count) : kNan; }
+double ratio(double a, double b) {
+  return b > 0.0 ? a / b : kNan;
+}
+double root_mean(double sum2, double count) {
+  return count > 0.0 ? std::sqrt(sum2 / count) : kNan;
+}
 
 // Errors and formal sigmas of three components, `offset` 0 for position and 3 for velocity, in the unit of `scale`.
 ErrorFigures error_figures(std::span<const Event* const> steady, const Event* last, int offset, double scale) {
@@ -56,8 +60,8 @@ Band mean_band(double degrees, double count) {
   return count > 0.0 ? chi_square_mean_band(0.95, degrees, count) : Band{kNan, kNan};
 }
 
-// State transition matrix of the Sun's gravity along the straight line of truth between two events (the curvature of the
-// path over a cycle changes the gradient by less than the correlation is known).
+// State transition matrix of the Sun's gravity along the straight line of truth between two events (the curvature of
+// the path over a cycle changes the gradient by less than the correlation is known).
 Mat6 transition(const Event& from, const Event& to) {
   const double total = (to.epoch - from.epoch).seconds();
   const int steps = std::max(1, static_cast<int>(std::ceil(total / 43200.0)));
@@ -209,7 +213,7 @@ Summary summarize(const Records& records) {
   s.image_ms_p99 = quantile(records.image_ms, 0.99);
   const StageTimes& t = records.stage_ms_sum;
   const double images = records.images;
-  s.stage_ms = {ratio(t.render, images), ratio(t.centroid, images),  ratio(t.identify, images),
+  s.stage_ms = {ratio(t.render, images),  ratio(t.centroid, images),  ratio(t.identify, images),
                 ratio(t.planets, images), ratio(t.propagate, images), ratio(t.update, images)};
   return s;
 }
@@ -244,11 +248,15 @@ template <typename Figures, typename Weight>
 ErrorFigures pool_figures(std::span<const Summary> runs, Figures&& figures, Weight&& weight) {
   ErrorFigures out;
   const auto one = [](const Summary&) { return 1.0; };
-  out.final_rss = weighted_rms(runs, [&](const Summary& r) { return figures(r).final_rss; }, one);
-  out.steady_rms_rss = weighted_rms(runs, [&](const Summary& r) { return figures(r).steady_rms_rss; }, weight);
+  out.final_rss = weighted_rms(
+      runs, [&](const Summary& r) { return figures(r).final_rss; }, one);
+  out.steady_rms_rss = weighted_rms(
+      runs, [&](const Summary& r) { return figures(r).steady_rms_rss; }, weight);
   for (std::size_t i = 0; i < 3; ++i) {
-    out.steady_3sigma_axis[i] = weighted_rms(runs, [&](const Summary& r) { return figures(r).steady_3sigma_axis[i]; }, weight);
-    out.formal_3sigma_axis[i] = weighted_rms(runs, [&](const Summary& r) { return figures(r).formal_3sigma_axis[i]; }, weight);
+    out.steady_3sigma_axis[i] = weighted_rms(
+        runs, [&](const Summary& r) { return figures(r).steady_3sigma_axis[i]; }, weight);
+    out.formal_3sigma_axis[i] = weighted_rms(
+        runs, [&](const Summary& r) { return figures(r).formal_3sigma_axis[i]; }, weight);
   }
   return out;
 }
@@ -286,28 +294,33 @@ Summary pool(std::span<const Summary> runs) {
   const auto attitudes = [](const Summary& r) { return static_cast<double>(r.attitude_count); };
   const auto at = [&](auto member, auto weight) { return weighted_mean(runs, member, weight); };
 
-  static_cast<ErrorFigures&>(s.position_error_km) =
-      pool_figures(runs, [](const Summary& r) -> const ErrorFigures& { return r.position_error_km; }, steady);
-  static_cast<ErrorFigures&>(s.velocity_error_m_s) =
-      pool_figures(runs, [](const Summary& r) -> const ErrorFigures& { return r.velocity_error_m_s; }, steady);
-  s.position_error_km.end_of_coast =
-      pool_figures(runs, [](const Summary& r) -> const ErrorFigures& { return r.position_error_km.end_of_coast; }, coast);
-  s.velocity_error_m_s.end_of_coast =
-      pool_figures(runs, [](const Summary& r) -> const ErrorFigures& { return r.velocity_error_m_s.end_of_coast; }, coast);
+  static_cast<ErrorFigures&>(s.position_error_km) = pool_figures(
+      runs, [](const Summary& r) -> const ErrorFigures& { return r.position_error_km; }, steady);
+  static_cast<ErrorFigures&>(s.velocity_error_m_s) = pool_figures(
+      runs, [](const Summary& r) -> const ErrorFigures& { return r.velocity_error_m_s; }, steady);
+  s.position_error_km.end_of_coast = pool_figures(
+      runs, [](const Summary& r) -> const ErrorFigures& { return r.position_error_km.end_of_coast; }, coast);
+  s.velocity_error_m_s.end_of_coast = pool_figures(
+      runs, [](const Summary& r) -> const ErrorFigures& { return r.velocity_error_m_s.end_of_coast; }, coast);
 
   s.nees_mean = at([](const Summary& r) { return r.nees_mean; }, steady);
   s.nees_band_95 = mean_band(6.0, s.nees_effective_count);
-  s.nis_mean = at([](const Summary& r) { return r.nis_mean; }, [](const Summary& r) { return static_cast<double>(r.nis_count); });
+  s.nis_mean = at([](const Summary& r) { return r.nis_mean; },
+                  [](const Summary& r) { return static_cast<double>(r.nis_count); });
   s.nis_band_95 = mean_band(2.0, s.nis_count);
 
   s.vision.attitude_success_rate = at([](const Summary& r) { return r.vision.attitude_success_rate; }, images);
   s.vision.planet_success_rate = at([](const Summary& r) { return r.vision.planet_success_rate; }, images);
-  s.vision.centroid_error_px_1sigma = weighted_rms(runs, [](const Summary& r) { return r.vision.centroid_error_px_1sigma; },
-                                                   [](const Summary& r) { return static_cast<double>(r.centroid_count); });
-  s.vision.planet_error_px_1sigma = weighted_rms(runs, [](const Summary& r) { return r.vision.planet_error_px_1sigma; },
-                                                 [](const Summary& r) { return static_cast<double>(r.planet_count); });
-  s.vision.attitude_cross_arcsec_1sigma = weighted_rms(runs, [](const Summary& r) { return r.vision.attitude_cross_arcsec_1sigma; }, attitudes);
-  s.vision.attitude_roll_arcsec_1sigma = weighted_rms(runs, [](const Summary& r) { return r.vision.attitude_roll_arcsec_1sigma; }, attitudes);
+  s.vision.centroid_error_px_1sigma = weighted_rms(
+      runs, [](const Summary& r) { return r.vision.centroid_error_px_1sigma; },
+      [](const Summary& r) { return static_cast<double>(r.centroid_count); });
+  s.vision.planet_error_px_1sigma = weighted_rms(
+      runs, [](const Summary& r) { return r.vision.planet_error_px_1sigma; },
+      [](const Summary& r) { return static_cast<double>(r.planet_count); });
+  s.vision.attitude_cross_arcsec_1sigma = weighted_rms(
+      runs, [](const Summary& r) { return r.vision.attitude_cross_arcsec_1sigma; }, attitudes);
+  s.vision.attitude_roll_arcsec_1sigma = weighted_rms(
+      runs, [](const Summary& r) { return r.vision.attitude_roll_arcsec_1sigma; }, attitudes);
 
   std::vector<double> medians;
   for (const Summary& r : runs) {
@@ -341,7 +354,9 @@ Json errors_json(const ErrorSummary& e) {
   return out;
 }
 
-double real(const Json& j) { return j.is_null() ? kNan : j.get<double>(); }
+double real(const Json& j) {
+  return j.is_null() ? kNan : j.get<double>();
+}
 
 ErrorFigures figures_from(const Json& j) {
   ErrorFigures f;
@@ -361,7 +376,9 @@ ErrorSummary errors_from(const Json& j) {
   return e;
 }
 
-Band band_from(const Json& j) { return {real(j.at(0)), real(j.at(1))}; }
+Band band_from(const Json& j) {
+  return {real(j.at(0)), real(j.at(1))};
+}
 
 }  // namespace
 
@@ -482,27 +499,32 @@ std::string consistency(double mean, const Band& band) {
 
 std::string in_words(const Summary& s) {
   if (s.steady_count == 0) {
-    return fmt::format("The mission flew {:.0f} days with {} navigation cycles: too few for a steady state, which is read from "
-                       "the fourth cycle on.", s.duration_days / s.runs, s.cycles / s.runs);
+    return fmt::format(
+        "The mission flew {:.0f} days with {} navigation cycles: too few for a steady state, which is read from "
+        "the fourth cycle on.",
+        s.duration_days / s.runs, s.cycles / s.runs);
   }
   std::string out = fmt::format(
-      "Once settled, the spacecraft knew its place to {} and its velocity to {} (3 sigma, worst axis){}; its own error bars said {} "
+      "Once settled, the spacecraft knew its place to {} and its velocity to {} (3 sigma, worst axis){}; its own error "
+      "bars said {} "
       "and {}. ",
       figure(s.position_error_km.worst_axis(), "km"), figure(s.velocity_error_m_s.worst_axis(), "m/s"),
       s.runs > 1 ? fmt::format(", over {} runs", s.runs) : "", figure(s.position_error_km.worst_formal_axis(), "km"),
       figure(s.velocity_error_m_s.worst_formal_axis(), "m/s"));
   if (!std::isnan(s.position_error_km.end_of_coast.steady_rms_rss)) {
-    out += fmt::format("At the end of each long coast it was {}. ", figure(s.position_error_km.end_of_coast.worst_axis(), "km"));
+    out += fmt::format("At the end of each long coast it was {}. ",
+                       figure(s.position_error_km.end_of_coast.worst_axis(), "km"));
   }
   if (!std::isnan(s.nees_mean) && !std::isnan(s.nees_band_95.lo)) {
-    out += fmt::format("The errors are {} the filter says they are. ", s.nees_mean > s.nees_band_95.hi   ? "larger than"
-                                                                      : s.nees_mean < s.nees_band_95.lo ? "smaller than"
-                                                                                                        : "as large as");
+    out +=
+        fmt::format("The errors are {} the filter says they are. ", s.nees_mean > s.nees_band_95.hi   ? "larger than"
+                                                                    : s.nees_mean < s.nees_band_95.lo ? "smaller than"
+                                                                                                      : "as large as");
   }
   if (!std::isnan(s.vision.attitude_success_rate)) {
     const int wrong = s.vision.false_planets;
-    out += fmt::format("Of {} images, {:.4g} % gave an attitude and {:.4g} % the planet; {} false planet{} accepted.", s.images,
-                       100.0 * s.vision.attitude_success_rate, 100.0 * s.vision.planet_success_rate,
+    out += fmt::format("Of {} images, {:.4g} % gave an attitude and {:.4g} % the planet; {} false planet{} accepted.",
+                       s.images, 100.0 * s.vision.attitude_success_rate, 100.0 * s.vision.planet_success_rate,
                        wrong == 0 ? "no" : fmt::format("{}", wrong), wrong > 1 ? "s were" : " was");
   } else {
     out += fmt::format("{} sights were flown without images.", s.images);
@@ -513,23 +535,28 @@ std::string in_words(const Summary& s) {
 std::string to_text(const Summary& s) {
   std::string out = in_words(s) + "\n\n";
   const auto row = [&](const char* label, const ErrorFigures& p, const ErrorFigures& v) {
-    out += fmt::format("  {:<26} {:>26} km   {:>26} m/s\n", label, axes(p.steady_3sigma_axis), axes(v.steady_3sigma_axis));
+    out +=
+        fmt::format("  {:<26} {:>26} km   {:>26} m/s\n", label, axes(p.steady_3sigma_axis), axes(v.steady_3sigma_axis));
     out += fmt::format("  {:<26} {:>26} km   {:>26} m/s\n", "  the filter's own bound", axes(p.formal_3sigma_axis),
                        axes(v.formal_3sigma_axis));
   };
   if (s.steady_count > 0) {
     out += fmt::format("  {:<26} {:>26}      {:>26}\n", "3 sigma, x / y / z", "position", "velocity");
     row("after the second window", s.position_error_km, s.velocity_error_m_s);
-    if (s.coast_count > 0) row("at the end of a coast", s.position_error_km.end_of_coast, s.velocity_error_m_s.end_of_coast);
+    if (s.coast_count > 0)
+      row("at the end of a coast", s.position_error_km.end_of_coast, s.velocity_error_m_s.end_of_coast);
   }
-  out += fmt::format("  NEES {} in [{}, {}] ({}), NIS {} in [{}, {}] ({})\n", figure(s.nees_mean, ""), figure(s.nees_band_95.lo, ""),
-                     figure(s.nees_band_95.hi, ""), consistency(s.nees_mean, s.nees_band_95), figure(s.nis_mean, ""),
-                     figure(s.nis_band_95.lo, ""), figure(s.nis_band_95.hi, ""), consistency(s.nis_mean, s.nis_band_95));
+  out += fmt::format("  NEES {} in [{}, {}] ({}), NIS {} in [{}, {}] ({})\n", figure(s.nees_mean, ""),
+                     figure(s.nees_band_95.lo, ""), figure(s.nees_band_95.hi, ""),
+                     consistency(s.nees_mean, s.nees_band_95), figure(s.nis_mean, ""), figure(s.nis_band_95.lo, ""),
+                     figure(s.nis_band_95.hi, ""), consistency(s.nis_mean, s.nis_band_95));
   if (!std::isnan(s.vision.attitude_success_rate)) {
     out += fmt::format("  stars {}, planets {}, attitude {} across and {} in roll (1 sigma)\n",
                        figure(s.vision.centroid_error_px_1sigma, "px"), figure(s.vision.planet_error_px_1sigma, "px"),
-                       figure(s.vision.attitude_cross_arcsec_1sigma, "arcsec"), figure(s.vision.attitude_roll_arcsec_1sigma, "arcsec"));
-    out += fmt::format("  {} an image onboard (99 %: {}); ", figure(s.image_ms_median, "ms"), figure(s.image_ms_p99, "ms"));
+                       figure(s.vision.attitude_cross_arcsec_1sigma, "arcsec"),
+                       figure(s.vision.attitude_roll_arcsec_1sigma, "arcsec"));
+    out += fmt::format("  {} an image onboard (99 %: {}); ", figure(s.image_ms_median, "ms"),
+                       figure(s.image_ms_p99, "ms"));
   } else {
     out += "  ";
   }

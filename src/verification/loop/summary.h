@@ -2,8 +2,8 @@
 // Summary: the figures of one run, or of several runs pooled, as summary.json holds them.
 //
 // Errors are estimate minus truth, in ICRF axes. "Steady" is from the fourth navigation cycle on, read when the second
-// tracking window of a cycle ends; "end of coast" is read where the long propagation ends. A figure that a run cannot have
-// (vision without images, steady state of a short mission) is NaN, and null in JSON. docs/theory/statistics.md.
+// tracking window of a cycle ends; "end of coast" is read where the long propagation ends. A figure that a run cannot
+// have (vision without images, steady state of a short mission) is NaN, and null in JSON. docs/theory/statistics.md.
 #pragma once
 
 #include <algorithm>
@@ -22,12 +22,14 @@ namespace astronav::loop {
 inline constexpr int kFirstSteadyCycle = 3;  // counted from 0
 
 struct ErrorFigures {
-  double final_rss = 0.0;                        // at the last instant of its kind
-  double steady_rms_rss = 0.0;                   // rms of the length of the error vector
-  std::array<double, 3> steady_3sigma_axis{};    // 3 x rms about zero
-  std::array<double, 3> formal_3sigma_axis{};    // 3 x rms of the filter's own sigma
+  double final_rss = 0.0;                      // at the last instant of its kind
+  double steady_rms_rss = 0.0;                 // rms of the length of the error vector
+  std::array<double, 3> steady_3sigma_axis{};  // 3 x rms about zero
+  std::array<double, 3> formal_3sigma_axis{};  // 3 x rms of the filter's own sigma
   double worst_axis() const { return std::max({steady_3sigma_axis[0], steady_3sigma_axis[1], steady_3sigma_axis[2]}); }
-  double worst_formal_axis() const { return std::max({formal_3sigma_axis[0], formal_3sigma_axis[1], formal_3sigma_axis[2]}); }
+  double worst_formal_axis() const {
+    return std::max({formal_3sigma_axis[0], formal_3sigma_axis[1], formal_3sigma_axis[2]});
+  }
 };
 
 struct ErrorSummary : ErrorFigures {
@@ -38,8 +40,8 @@ struct VisionSummary {
   double attitude_success_rate = 0.0;  // found and right, over all images
   double planet_success_rate = 0.0;
   int false_planets = 0;
-  double centroid_error_px_1sigma = 0.0;  // stars, per axis
-  double planet_error_px_1sigma = 0.0;    // per axis
+  double centroid_error_px_1sigma = 0.0;      // stars, per axis
+  double planet_error_px_1sigma = 0.0;        // per axis
   double attitude_cross_arcsec_1sigma = 0.0;  // per axis
   double attitude_roll_arcsec_1sigma = 0.0;
 };
@@ -59,7 +61,7 @@ struct Summary {
 
   double nees_mean = 0.0;  // 6 states, steady
   Band nees_band_95;
-  double nis_mean = 0.0;   // 2 degrees of freedom, all accepted measurements
+  double nis_mean = 0.0;  // 2 degrees of freedom, all accepted measurements
   Band nis_band_95;
 
   VisionSummary vision;
@@ -89,10 +91,10 @@ Epoch day_zero(const Records& records);
 // Pools runs: mean squares weighted by their counts, medians of times. Needs one run at least.
 Summary pool(std::span<const Summary> runs);
 
-// Number of independent NEES values (6 states) that the steady windows of a run are worth. If the filter's covariance is
-// right, its errors are correlated from window to window by (I - K H) Phi = P+ (P-)^-1 Phi, and two NEES values by
-// 2 |P_k^-1/2 C_kj P_j^-1/2|^2; both follow from the covariances that the filter reports and the Sun's gravity along the
-// way. The mean NEES then has the spread of a chi-square of 6 x this number of degrees of freedom.
+// Number of independent NEES values (6 states) that the steady windows of a run are worth. If the filter's covariance
+// is right, its errors are correlated from window to window by (I - K H) Phi = P+ (P-)^-1 Phi, and two NEES values by
+// 2 |P_k^-1/2 C_kj P_j^-1/2|^2; both follow from the covariances that the filter reports and the Sun's gravity along
+// the way. The mean NEES then has the spread of a chi-square of 6 x this number of degrees of freedom.
 double effective_windows(const Records& records);
 
 // summary.json, and back.

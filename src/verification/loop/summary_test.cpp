@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/summary.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "support/synthetic_records.h"
 
@@ -82,14 +82,43 @@ TEST(Summary, FiguresWorkedOutByHand) {
 TEST(Summary, JsonReadsBackAndNamesWhatTheContractNames) {
   Summary s = summarize(by_hand());
   const std::string text = to_json(s);
-  for (const char* key : {"\"level\"", "\"seed\"", "\"version\"", "\"cycles\"", "\"images\"", "\"duration_days\"",
-                          "\"position_error_km\"", "\"velocity_error_m_s\"", "\"final_rss\"", "\"steady_rms_rss\"",
-                          "\"steady_3sigma_axis\"", "\"formal_3sigma_axis\"", "\"end_of_coast\"", "\"nees_mean\"",
-                          "\"nees_band_95\"", "\"nis_mean\"", "\"nis_band_95\"", "\"attitude_success_rate\"",
-                          "\"planet_success_rate\"", "\"false_planets\"", "\"centroid_error_px_1sigma\"",
-                          "\"planet_error_px_1sigma\"", "\"attitude_error_arcsec_1sigma\"", "\"cross\"", "\"roll\"",
-                          "\"time_ms_per_image\"", "\"median\"", "\"p99\"", "\"time_ms\"", "\"render\"", "\"centroid\"",
-                          "\"identify\"", "\"planets\"", "\"propagate\"", "\"update\"", "\"peak_memory_mb\"", "\"wall_s\""}) {
+  for (const char* key : {"\"level\"",
+                          "\"seed\"",
+                          "\"version\"",
+                          "\"cycles\"",
+                          "\"images\"",
+                          "\"duration_days\"",
+                          "\"position_error_km\"",
+                          "\"velocity_error_m_s\"",
+                          "\"final_rss\"",
+                          "\"steady_rms_rss\"",
+                          "\"steady_3sigma_axis\"",
+                          "\"formal_3sigma_axis\"",
+                          "\"end_of_coast\"",
+                          "\"nees_mean\"",
+                          "\"nees_band_95\"",
+                          "\"nis_mean\"",
+                          "\"nis_band_95\"",
+                          "\"attitude_success_rate\"",
+                          "\"planet_success_rate\"",
+                          "\"false_planets\"",
+                          "\"centroid_error_px_1sigma\"",
+                          "\"planet_error_px_1sigma\"",
+                          "\"attitude_error_arcsec_1sigma\"",
+                          "\"cross\"",
+                          "\"roll\"",
+                          "\"time_ms_per_image\"",
+                          "\"median\"",
+                          "\"p99\"",
+                          "\"time_ms\"",
+                          "\"render\"",
+                          "\"centroid\"",
+                          "\"identify\"",
+                          "\"planets\"",
+                          "\"propagate\"",
+                          "\"update\"",
+                          "\"peak_memory_mb\"",
+                          "\"wall_s\""}) {
     EXPECT_NE(text.find(key), std::string::npos) << key;
   }
   const auto again = summary_from_json(text, "x");
@@ -114,18 +143,21 @@ TEST(Summary, PoolingEqualsTheFiguresOfAllEventsTogether) {
   EXPECT_EQ(pooled.runs, 2);
   EXPECT_EQ(pooled.steady_count, together.steady_count);
   for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_NEAR(pooled.position_error_km.steady_3sigma_axis[i] / together.position_error_km.steady_3sigma_axis[i], 1.0, 1e-12);
-    EXPECT_NEAR(pooled.velocity_error_m_s.formal_3sigma_axis[i] / together.velocity_error_m_s.formal_3sigma_axis[i], 1.0, 1e-12);
+    EXPECT_NEAR(pooled.position_error_km.steady_3sigma_axis[i] / together.position_error_km.steady_3sigma_axis[i], 1.0,
+                1e-12);
+    EXPECT_NEAR(pooled.velocity_error_m_s.formal_3sigma_axis[i] / together.velocity_error_m_s.formal_3sigma_axis[i],
+                1.0, 1e-12);
     EXPECT_NEAR(pooled.position_error_km.end_of_coast.steady_3sigma_axis[i] /
-                    together.position_error_km.end_of_coast.steady_3sigma_axis[i], 1.0, 1e-12);
+                    together.position_error_km.end_of_coast.steady_3sigma_axis[i],
+                1.0, 1e-12);
   }
   EXPECT_NEAR(pooled.nees_mean, together.nees_mean, 1e-10);
   EXPECT_NEAR(pooled.nis_mean, together.nis_mean, 1e-10);
   EXPECT_NEAR(pooled.vision.planet_error_px_1sigma, together.vision.planet_error_px_1sigma, 1e-12);
 }
 
-// The band of one run must hold the mean NEES of a perfect filter in 95 % of the runs, where the textbook band does not.
-// 200 runs: a share outside [0.88, 0.995] has a chance below 1e-3 if the true share is between 0.93 and 0.97.
+// The band of one run must hold the mean NEES of a perfect filter in 95 % of the runs, where the textbook band does
+// not. 200 runs: a share outside [0.88, 0.995] has a chance below 1e-3 if the true share is between 0.93 and 0.97.
 TEST(Summary, TheBandOfTheMeanNeesHoldsAPerfectFilter) {
   constexpr int runs = 200;
   int inside = 0;
@@ -134,7 +166,8 @@ TEST(Summary, TheBandOfTheMeanNeesHoldsAPerfectFilter) {
   double sum2 = 0.0;
   double effective = 0.0;
   for (int seed = 1; seed <= runs; ++seed) {
-    const Summary s = summarize(synthetic_records({.seed = static_cast<std::uint64_t>(seed), .cycles = 25, .images_per_window = 6}));
+    const Summary s =
+        summarize(synthetic_records({.seed = static_cast<std::uint64_t>(seed), .cycles = 25, .images_per_window = 6}));
     inside += s.nees_band_95.contains(s.nees_mean);
     inside_textbook += chi_square_mean_band(0.95, 6.0, s.steady_count).contains(s.nees_mean);
     sum += s.nees_mean;

@@ -54,9 +54,8 @@ Result<trajectory::TrajectoryPtr> fly_transfer(const scenario::Scenario& s, cons
   if (!design) return forward(design, "mission");
 
   RandomStream stream({.seed = seed, .sample = sample, .purpose = "unmodelled acceleration"});
-  const dynamics::UnmodelledSettings unmodelled{
-      .sigma_m_s2 = s.truth.dynamics.unmodelled_acceleration_m_s2,
-      .tau = Duration::days(s.truth.dynamics.unmodelled_tau_days)};
+  const dynamics::UnmodelledSettings unmodelled{.sigma_m_s2 = s.truth.dynamics.unmodelled_acceleration_m_s2,
+                                                .tau = Duration::days(s.truth.dynamics.unmodelled_tau_days)};
   auto realisation = dynamics::UnmodelledAcceleration::draw(unmodelled, design->begin, design->end, stream);
   if (!realisation) return forward(realisation, "truth.dynamics");
   const auto model = dynamics::ForceModel::create(ephemeris, *forces, std::move(*realisation));
@@ -70,6 +69,8 @@ Result<trajectory::TrajectoryPtr> read_trajectory(const scenario::Mission& missi
                                                   const MappedFile& kernel, const Ephemeris& ephemeris) {
   const std::string where = file.path().string();
   if (file.text().substr(0, 7) == "DAF/SPK") {
+    // Alone first, so that a broken file is told by its own name and bytes.
+    if (const auto alone = Ephemeris::open(file.bytes()); !alone) return forward(alone, where);
     const std::array<std::span<const std::byte>, 2> kernels{kernel.bytes(), file.bytes()};
     const auto joined = Ephemeris::open(kernels);
     if (!joined) return forward(joined, where);

@@ -27,8 +27,8 @@ struct PairOfSpots {
 // What a pair of spots sees under one focal length.
 struct Node {
   double focal_px = 0.0;
-  Mat3 axes_C;                            // of the pair
-  std::array<Vec3, kMaxConfirm> other;    // other spots, in those axes
+  Mat3 axes_C;                          // of the pair
+  std::array<Vec3, kMaxConfirm> other;  // other spots, in those axes
 };
 
 // Axes that two directions define: columns middle, normal, from the second to the first.
@@ -126,8 +126,7 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
   std::vector<int> chosen;
   for (std::size_t i = 0; i < spots.size() && chosen.size() < static_cast<std::size_t>(settings.spots); ++i) {
     int neighbours = 0;
-    for (const int j : chosen)
-      neighbours += (spots[i].pixel.vec() - spots[j].pixel.vec()).norm() < 0.25 * shorter_px;
+    for (const int j : chosen) neighbours += (spots[i].pixel.vec() - spots[j].pixel.vec()).norm() < 0.25 * shorter_px;
     if (neighbours < 4) chosen.push_back(static_cast<int>(i));
   }
 
@@ -166,8 +165,7 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
   camera.height_px = height;
   camera.cx_px = cu;
   camera.cy_px = cv;
-  const double near_cos =
-      settings.near ? std::cos(std::min(kPi, settings.near->radius_rad + fov_max_rad)) : -2.0;
+  const double near_cos = settings.near ? std::cos(std::min(kPi, settings.near->radius_rad + fov_max_rad)) : -2.0;
 
   BlindSolution out;
   std::vector<Node> nodes(kNodes + 1);
@@ -241,8 +239,8 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
           finer.attitude.freedom.tangential = true;
           vision::Identifier again(field_, sky.index, known->attitude.intrinsics, finer, spots.size());
           std::vector<vision::MatchedStar> more(spots.size());
-          const auto better = again.track(net > 2.0 ? judged : spots, observer, known->attitude.R_CN,
-                                          net * match_px, more);
+          const auto better =
+              again.track(net > 2.0 ? judged : spots, observer, known->attitude.R_CN, net * match_px, more);
           if (!better || better->matched <= known->matched) continue;
           known = better;
           out.stars = std::move(more);

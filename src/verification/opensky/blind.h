@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blind search: where the camera looks and how wide, from spots alone.
 //
-// Two bright spots are held to be each pair of catalogue stars at a fitting distance, in both orders; distance over angle
-// gives the focal length, and a few more bright spots must then fall on stars. What passes goes to the onboard
+// Two bright spots are held to be each pair of catalogue stars at a fitting distance, in both orders; distance over
+// angle gives the focal length, and a few more bright spots must then fall on stars. What passes goes to the onboard
 // Identifier with the focal length free, which judges it by all stars and by what chance could do.
 #pragma once
 
@@ -23,12 +23,12 @@ struct Near {
 };
 
 struct BlindSettings {
-  int spots = 14;             // the most certain, evenly spread, that make hypotheses
+  int spots = 14;  // the most certain, evenly spread, that make hypotheses
   int confirm_hits = 3;
-  double tolerance = 0.005;   // of the picture's width: how far spots may be off under a first guess
+  double tolerance = 0.005;  // of the picture's width: how far spots may be off under a first guess
   double match_px = 2.0;
-  double max_chance = 1e-8;         // that a solution is none, all hypotheses counted
-  std::size_t judged_spots = 120;   // the most certain
+  double max_chance = 1e-8;        // that a solution is none, all hypotheses counted
+  std::size_t judged_spots = 120;  // the most certain
   std::optional<Near> near;
 };
 

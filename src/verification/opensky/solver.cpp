@@ -22,17 +22,13 @@ double now_ms() {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-Epoch j2025() { return Epoch::tdb_seconds(25.0 * 365.25 * 86400.0); }
+Epoch j2025() {
+  return Epoch::tdb_seconds(25.0 * 365.25 * 86400.0);
+}
 
 // Most cameras first.
-constexpr std::array<std::array<double, 2>, 8> kLadder{{{9.0, 13.0},
-                                                        {13.0, 19.0},
-                                                        {6.2, 9.0},
-                                                        {19.0, 27.0},
-                                                        {4.0, 6.2},
-                                                        {27.0, 38.0},
-                                                        {38.0, 50.0},
-                                                        {50.0, 62.0}}};
+constexpr std::array<std::array<double, 2>, 8> kLadder{
+    {{9.0, 13.0}, {13.0, 19.0}, {6.2, 9.0}, {19.0, 27.0}, {4.0, 6.2}, {27.0, 38.0}, {38.0, 50.0}, {50.0, 62.0}}};
 
 }  // namespace
 
@@ -72,8 +68,8 @@ Result<BlindSolution> Solver::identify(std::span<const vision::Centroid> spots, 
   return found;
 }
 
-void Solver::find_planets(const Picture& picture, const SolveRequest& request,
-                          std::span<const vision::Centroid> spots, const BlindSolution& known, Solution& solution) {
+void Solver::find_planets(const Picture& picture, const SolveRequest& request, std::span<const vision::Centroid> spots,
+                          const BlindSolution& known, Solution& solution) {
   std::vector<unsigned char> taken(spots.size(), 0);
   for (const vision::MatchedStar& star : known.stars) taken[star.centroid] = 1;
   if (!request.ephemeris || !request.epoch || !request.observer) return;
@@ -92,7 +88,8 @@ void Solver::find_planets(const Picture& picture, const SolveRequest& request,
     // Moons, phase and the distortion that the stars leave over.
     const double sigma = std::hypot(3.0 * kArcsecond, 0.7 / solution.attitude.intrinsics.fx_px);
     prediction.direction_covariance = Mat3::Identity() * sigma * sigma;
-    const auto from_sun = request.ephemeris->state(body, body::sun, *request.epoch - Duration::seconds(seen->light_time_s));
+    const auto from_sun =
+        request.ephemeris->state(body, body::sun, *request.epoch - Duration::seconds(seen->light_time_s));
     if (from_sun) {
       const auto magnitude = planet_v_magnitude(body, {from_sun->p_m, seen->relative.p_m, *request.epoch});
       if (magnitude && std::isfinite(*magnitude)) {
@@ -160,7 +157,8 @@ Result<Solution> Solver::solve(const Picture& picture, const SolveRequest& reque
   if (!known) return forward(known);
   // The model explains the lens, or the roll is not worth telling.
   if (known->identification.attitude.residual_rms_px > kLargestRms)
-    return fail(ErrorCode::no_match, "stars are recognised, but the lens distorts them by {0} px rms more than k1, p1 and p2 explain",
+    return fail(ErrorCode::no_match,
+                "stars are recognised, but the lens distorts them by {0} px rms more than k1, p1 and p2 explain",
                 {known->identification.attitude.residual_rms_px});
   solution.attitude = known->identification.attitude;
   solution.attitude.mirrored = solution.mirrored;

@@ -23,12 +23,12 @@ struct FieldRange {  // horizontal, rad
 };
 
 struct SolveRequest {
-  std::optional<FieldRange> field;        // neither field nor camera: a ladder of fields from 4 to 60 degrees
+  std::optional<FieldRange> field;  // neither field nor camera: a ladder of fields from 4 to 60 degrees
   std::optional<Intrinsics> camera;
-  std::optional<Epoch> epoch;             // J2025.0 for proper motion where it is not given
-  std::optional<State> observer;          // barycentric; aberration is corrected where it is known
+  std::optional<Epoch> epoch;     // J2025.0 for proper motion where it is not given
+  std::optional<State> observer;  // barycentric; aberration is corrected where it is known
   std::optional<Near> near;
-  const Ephemeris* ephemeris = nullptr;   // with epoch and observer: planets are looked for
+  const Ephemeris* ephemeris = nullptr;  // with epoch and observer: planets are looked for
 };
 
 struct SolvedStar {
@@ -50,12 +50,12 @@ struct SolveTimes {  // ms
 
 struct Solution {
   int width = 0, height = 0;
-  vision::AttitudeSolution attitude;      // of the picture as seen by a camera that is not mirrored: see `mirrored`
-  bool mirrored = false;                  // then u in `attitude` counts from the right: u_picture = width - 1 - u
+  vision::AttitudeSolution attitude;  // of the picture as seen by a camera that is not mirrored: see `mirrored`
+  bool mirrored = false;              // then u in `attitude` counts from the right: u_picture = width - 1 - u
   Epoch epoch;
   bool epoch_assumed = true;
   bool aberration_corrected = false;
-  std::vector<SolvedStar> stars;          // pixels as in the picture
+  std::vector<SolvedStar> stars;  // pixels as in the picture
   std::vector<SolvedPlanet> planets;
   std::vector<vision::Centroid> unknown;  // what is neither
   std::size_t detected = 0;

@@ -77,7 +77,8 @@ Tiles measure(const ImageF& image, int size, float step) {
         sum2 += d * d;
       }
       tiles.level.push_back(n > 0.0 ? median + static_cast<float>(sum / n) : median);
-      tiles.spread.push_back(n > 0.0 ? static_cast<float>(std::sqrt(std::max(sum2 / n - sum * sum / (n * n), 0.0))) : 0.0f);
+      tiles.spread.push_back(n > 0.0 ? static_cast<float>(std::sqrt(std::max(sum2 / n - sum * sum / (n * n), 0.0)))
+                                     : 0.0f);
     }
   }
   tiles.level = median3(tiles, tiles.level);
@@ -133,8 +134,9 @@ bool lone_pixel(const ImageF& residual, const vision::Centroid& spot) {
   return peak > 6.0f * std::max(second, 0.0f) && peak > 0.75f * sum;
 }
 
-// Light, peak and contrast each put the stars first in some pictures and something else in others: leaves against a bright
-// sky have light but little contrast, clusters of hot pixels contrast but no peak. The best of the three places counts.
+// Light, peak and contrast each put the stars first in some pictures and something else in others: leaves against a
+// bright sky have light but little contrast, clusters of hot pixels contrast but no peak. The best of the three places
+// counts.
 void order_by_certainty(std::vector<vision::Centroid>& spots, const std::vector<double>& contrasts) {
   const std::size_t n = spots.size();
   std::vector<std::size_t> best(n, n), sum(n, 0), order(n);
@@ -169,9 +171,11 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   std::vector<float> levels = tiles.level, spreads = tiles.spread;
   out.background_dn = middle_of(levels);
   out.noise_dn = std::max(middle_of(spreads), 1e-6f);
-  // Pictures of 8 bits, and all after JPEG, have flat parts whose noise is no measure of anything; whole numbers have at
-  // least the noise of their rounding.
-  const float least = static_cast<float>(std::max(0.5 * out.noise_dn, picture.bits <= 8 ? 0.4 : picture.bits <= 16 ? 0.29 : 1e-6));
+  // Pictures of 8 bits, and all after JPEG, have flat parts whose noise is no measure of anything; whole numbers have
+  // at least the noise of their rounding.
+  const float least = static_cast<float>(std::max(0.5 * out.noise_dn, picture.bits <= 8    ? 0.4
+                                                                      : picture.bits <= 16 ? 0.29
+                                                                                           : 1e-6));
 
   ImageF residual(w, h), contrast(w, h);
   for (int v = 0; v < h; ++v) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Spots of light in a picture of which nothing is known: uneven background, haze, JPEG noise, hot pixels, roofs and trees.
+// Spots of light in a picture of which nothing is known: uneven background, haze, JPEG noise, hot pixels, roofs and
+// trees.
 #pragma once
 
 #include <vector>
@@ -11,9 +12,9 @@
 namespace astronav::opensky {
 
 struct SpotSettings {
-  double threshold_sigma = 5.0;    // in the smoothed picture
+  double threshold_sigma = 5.0;  // in the smoothed picture
   double smoothing_sigma_px = 1.2;
-  int tile_px = 32;                // of the background
+  int tile_px = 32;  // of the background
   std::size_t max_spots = 400;
 };
 
@@ -21,7 +22,7 @@ struct Spots {
   std::vector<vision::Centroid> spots;  // the most certain first; flux above the local background, in DN
   double background_dn = 0.0;           // medians over the picture
   double noise_dn = 0.0;
-  double threshold_dn = 0.0;            // above the background, in the middle of the picture's noise
+  double threshold_dn = 0.0;  // above the background, in the middle of the picture's noise
 };
 
 Spots find_spots(const Picture& picture, const SpotSettings& settings = {});
