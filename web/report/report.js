@@ -220,7 +220,7 @@
       cards.push(card('Onboard, per image', figure(m.time_ms_per_image.median), 'ms', `99 %: ${figure(m.time_ms_per_image.p99)} ms`));
     }
     cards.push(card(data.kind === 'campaign' ? 'Flown in' : 'Whole run', figure(m.wall_s), 's', `${figure(m.peak_memory_mb)} MB; ${m.images} ${m.level === 'mil' ? 'sights' : 'images'}`));
-    return h('div', { class: 'cards' }, cards);
+    return h('div', { class: 'cards', style: `--columns:${cards.length === 5 ? 5 : 4}` }, cards);
   }
 
   function figuresSection() {
@@ -408,7 +408,7 @@
       }, 33);
     } } }, 'play');
     const times = h('span', {}, '');
-    const showTimes = () => { times.textContent = `errors ×${figure(view.exaggerate)}`; };
+    const showTimes = () => { times.textContent = `errors ×${figure(Number(view.exaggerate.toPrecision(2)))}`; };
     const exaggerate = h('input', { type: 'range', min: 0, max: 5, step: 0.05, value: Math.log10(view.exaggerate), 'aria-label': 'exaggeration of the error',
       style: 'width:90px', on: { input: (e) => { view.exaggerate = 10 ** Number(e.target.value); showTimes(); draw(); } } });
     showTimes();
@@ -425,7 +425,8 @@
     const height = bodies.length * rowHeight + 26;
     const x = (day) => left + ((width - left - 16) * day) / span;
     const svg = s('svg', { class: 'timeline', viewBox: `0 0 ${width} ${height}`, width: '100%', role: 'img', 'aria-label': 'Beacons over time' });
-    for (let day = 0; day <= span + 1e-9; day += span > 400 ? 100 : 50) {
+    const tick = span > 400 ? 100 : span > 120 ? 50 : 10;
+    for (let day = 0; day <= span + 1e-9; day += tick) {
       svg.append(s('line', { class: 'gridline', x1: x(day), x2: x(day), y1: 0, y2: height - 22 }), s('text', { x: x(day), y: height - 7, 'text-anchor': 'middle' }, String(day)));
     }
     bodies.forEach((name, row) => {
@@ -595,9 +596,9 @@
   function timingSection() {
     const m = data.summary;
     const onboard = [['centroids', m.time_ms.centroid, 'var(--x)'], ['identification and attitude', m.time_ms.identify, '#8b5cf6'], ['planet', m.time_ms.planets, 'var(--y)'],
-      ['filter update', m.time_ms.update, 'var(--z)'], ['propagation', m.time_ms.propagate, '#64748b']].filter((r) => Number.isFinite(num(r[1])));
+      ['filter update', m.time_ms.update, 'var(--z)'], ['propagation', m.time_ms.propagate, '#64748b']].filter((r) => num(r[1]) > 0);
     const total = onboard.reduce((sum, r) => sum + r[1], 0) || 1;
-    const rows = [h('h3', {}, 'Onboard, mean per image: ' + figure(total) + ' ms'),
+    const rows = [h('h3', {}, `Onboard, mean per ${m.level === 'mil' ? 'sight' : 'image'}: ${figure(total)} ms`),
       h('div', { class: 'bar' }, onboard.map(([label, ms, colour]) => withTip(h('i', { style: `width:${(100 * ms) / total}%;background:${colour}` }), `${label}: ${figure(ms)} ms`))),
       h('div', { class: 'key' }, onboard.map(([label, ms, colour]) => h('span', {}, h('i', { style: 'background:' + colour }), `${label} ${figure(ms)} ms`)))];
     if (Number.isFinite(num(m.time_ms.render)) && m.time_ms.render > 0) rows.push(h('p', { class: 'note', style: 'margin-top:10px' }, `Beside it the simulator renders a frame in ${figure(m.time_ms.render)} ms. Measured on the machine that flew this run; the whole run took ${figure(m.wall_s)} s and ${figure(m.peak_memory_mb)} MB.`));
@@ -609,11 +610,14 @@
   }
 
   function histogram(bins, xLabel, yLabel, colour, height, extra) {
+    // Half a bin more at both ends: bars are drawn whole.
+    const half = bins.centers.length > 1 ? 0.5 * (bins.centers[1] - bins.centers[0]) : 0.5;
+    const whole = [bins.centers[0] - half, bins.centers[bins.centers.length - 1] + half];
     return chart(height, () => ({
       values: [bins.centers, bins.counts],
       options: {
         series: [{ label: xLabel, value: value(2) }, { label: yLabel, stroke: css(colour), fill: css(colour) + '55', paths: uPlot.paths.bars({ size: [0.92, 100] }), points: { show: false }, value: value(0) }],
-        scales: { y: { range: (u, min, max) => [0, max * 1.1 || 1] } },
+        scales: { x: { time: false, range: (u, min, max) => (min <= bins.centers[0] && max >= bins.centers[bins.centers.length - 1] ? whole : [min, max]) }, y: { range: (u, min, max) => [0, max * 1.1 || 1] } },
         legend: { show: false },
         ...extra,
       },
@@ -707,11 +711,12 @@
       section('NIS of each sample', 'Mean over all measurements of a run.', one('nis_mean', 'nis_band_95', 2)));
   }
   function sampleTable() {
-    const head = ['seed', 'position 3σ x / y / z, km', 'own bound, km', 'velocity 3σ x / y / z, m/s', 'own bound, m/s', 'NEES', 'NIS', 'attitude, %', 'planet, %'];
+    const pictures = data.summary.level !== 'mil';
+    const head = ['seed', 'position 3σ x / y / z, km', 'own bound, km', 'velocity 3σ x / y / z, m/s', 'own bound, m/s', 'NEES', 'NIS', ...(pictures ? ['attitude, %', 'planet, %'] : [])];
     const join = (a) => a.map(figure).join(' / ');
     return h('div', { class: 'scroll' }, h('table', {}, h('thead', {}, h('tr', {}, head.map((t) => h('th', {}, t)))),
       h('tbody', {}, data.samples.map((r) => h('tr', {}, [r.seed, join(r.position_error_km.steady_3sigma_axis), join(r.position_error_km.formal_3sigma_axis), join(r.velocity_error_m_s.steady_3sigma_axis),
-        join(r.velocity_error_m_s.formal_3sigma_axis), figure(r.nees_mean), figure(r.nis_mean), percent(r.vision.attitude_success_rate), percent(r.vision.planet_success_rate)].map((t) => h('td', {}, String(t))))),
+        join(r.velocity_error_m_s.formal_3sigma_axis), figure(r.nees_mean), figure(r.nis_mean), ...(pictures ? [percent(r.vision.attitude_success_rate), percent(r.vision.planet_success_rate)] : [])].map((t) => h('td', {}, String(t))))),
         data.failed.map((f) => h('tr', {}, h('td', {}, String(f.seed)), h('td', { colspan: head.length - 1, style: 'text-align:left;color:var(--bad)' }, f.error))))));
   }
   function campaign() {
@@ -728,7 +733,8 @@
         options: { series: [{ label: 'sigmas', value: value(1) }, { label: 'windows', stroke: css(name), fill: css(name) + '55', paths: uPlot.paths.bars({ size: [0.92, 100] }), points: { show: false }, value: value(0) },
           line('normal', css('soft'), { value: value(1), dash: [4, 4] })], scales: { y: { range: (u, min, max) => [0, max * 1.1 || 1] } }, legend: { show: false } } }))));
     page.append(h('div', { class: 'row', style: 'grid-template-columns:repeat(auto-fit,minmax(280px,1fr))' }, histograms));
-    page.append(section('Samples', data.confidence_method ? `Each is one run: astronav run --seed N flies it again. Intervals above: ${data.confidence_method}.` : 'Each is one run: astronav run --seed N flies it again.', sampleTable()));
+    const again = `Each is one run: astronav run${m.level === 'mil' ? ' --level mil' : ''} --seed N flies it again.`;
+    page.append(section('Samples', data.confidence_method ? `${again} Intervals above: ${data.confidence_method}.` : again, sampleTable()));
     page.append(timingSection());
   }
 
