@@ -97,7 +97,7 @@ BandPhotometry::BandPhotometry(const Camera& camera) {
   }
 }
 
-BandFlux BandPhotometry::flux(double v_mag, double b_v) const {
+BandFlux BandPhotometry::flux(double v_mag, double b_v, double /*v_i*/) const {
   const double colour = std::isnan(b_v) ? kSolarColour : std::clamp(b_v, kBluest, kReddest);
   const double x = (colour - kBluest) / (kReddest - kBluest) * (kColours - 1);
   const int k = std::min(static_cast<int>(x), kColours - 2);
@@ -110,8 +110,8 @@ BandFlux BandPhotometry::flux(double v_mag, double b_v) const {
   return {.electrons_per_s = at(log_electrons_), .irradiance_w_m2 = at(log_irradiance_)};
 }
 
-double BandPhotometry::v_magnitude(double electrons_per_s, double b_v) const {
-  return -2.5 * std::log10(electrons_per_s / flux(0.0, b_v).electrons_per_s);
+double BandPhotometry::v_magnitude(double electrons_per_s, double b_v, double v_i) const {
+  return -2.5 * std::log10(electrons_per_s / flux(0.0, b_v, v_i).electrons_per_s);
 }
 
 }  // namespace astronav

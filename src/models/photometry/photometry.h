@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <limits>
 
 #include "foundation/base/error.h"
 #include "foundation/math/linear.h"
@@ -49,14 +50,17 @@ struct BandFlux {
   double electrons_per_s = 0.0;  // photo-electrons: pupil area x transmission x quantum efficiency included
   double irradiance_w_m2 = 0.0;  // between the ends of the camera's band, at the pupil, before the optics
 };
+// A colour that is not known.
+inline constexpr double kUnknownColour = std::numeric_limits<double>::quiet_NaN();
 // Flux of a source of magnitude V and colour B-V seen by a camera: a blackbody at the colour's temperature scaled to V.
-// Colours from -0.4 to 3 (others count as the nearest, unknown ones as the Sun's). docs/theory/photometry.md.
+// Colours from -0.4 to 3 (others count as the nearest, unknown ones as the Sun's). V-I (Cousins) matters for red stars,
+// whose B-V says little of their light beyond 600 nm: Proxima Centauri has 1.82 and 3.7. docs/theory/photometry.md.
 class BandPhotometry {
  public:
   explicit BandPhotometry(const Camera& camera);
-  BandFlux flux(double v_mag, double b_v) const;
-  // The camera's own magnitude: v such that flux(v, b_v) gives these electrons. For gating by brightness.
-  double v_magnitude(double electrons_per_s, double b_v) const;
+  BandFlux flux(double v_mag, double b_v, double v_i = kUnknownColour) const;
+  // The camera's own magnitude: v such that flux(v, b_v, v_i) gives these electrons. For gating by brightness.
+  double v_magnitude(double electrons_per_s, double b_v, double v_i = kUnknownColour) const;
 
  private:
   // Of V = 0, tabulated over B-V once; interpolated.
