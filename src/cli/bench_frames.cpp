@@ -44,7 +44,7 @@ class Photographer {
                                               bench_.world->band(), bench_.world->sky_settings());
     if (!sky) return forward(sky);
     sources = render::place_sources(*sky, camera_, R_CN, camera_.exposure_s);
-    renderer_.frame(sources, camera_.exposure_s, {.image = ++images_, .purpose = "frame"}, frame);
+    renderer_.frame(sources, {.duration_s = camera_.exposure_s}, {.image = ++images_, .purpose = "frame"}, frame);
     return {};
   }
 

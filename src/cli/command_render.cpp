@@ -191,8 +191,9 @@ Result<int> run(const Options& options) {
 
   const render::Renderer renderer(shot.camera, options.seed);
   ImageU16 frame;
-  renderer.frame(shot.sources, shot.exposure_s, {.seed = options.seed, .sample = 0, .image = 0, .purpose = ""}, frame,
-                 options.no_noise ? render::NoiseSwitches::none() : render::NoiseSwitches{});
+  renderer.frame(shot.sources, {.duration_s = shot.exposure_s},
+                 {.seed = options.seed, .sample = 0, .image = 0, .purpose = ""}, frame,
+                 options.no_noise ? render::Effects::expected() : render::Effects{});
   if (const auto stored = store(shot, options, frame); !stored) return forward(stored);
   if (!options.truth.empty()) {
     const auto stored = write_file(options.truth, truth(shot, options).dump(1) + "\n");

@@ -42,7 +42,7 @@ class Simulation {
     StreamId noise;
     noise.image = image;
     ImageU16 out;
-    render::Renderer(camera, 1).frame(sources, camera.exposure_s, noise, out);
+    render::Renderer(camera, 1).frame(sources, {.duration_s = camera.exposure_s}, noise, out);
     return out;
   }
 

@@ -4,6 +4,7 @@
 #define TOML_EXCEPTIONS 0
 #define TOML_HEADER_ONLY 1
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <set>
 #include <vector>
@@ -13,6 +14,7 @@
 
 #include "foundation/base/nearest_word.h"
 #include "foundation/files/mapped_file.h"
+#include "foundation/raster/raster.h"
 
 namespace astronav {
 namespace {
@@ -35,6 +37,18 @@ struct IntegerKey {
   int& (*field)(Camera&);
   int min;
   int max;
+};
+// One of two words, or true and false.
+struct ChoiceKey {
+  const char* section;
+  const char* name;
+  std::array<std::string_view, 2> words;
+  bool (*get)(const Camera&);  // whether it is the second
+  void (*set)(Camera&, bool);
+  bool is_switch() const { return words[0] == "false"; }
+  std::string text(bool second) const {
+    return is_switch() ? std::string(words[second]) : fmt::format("\"{}\"", words[second]);
+  }
 };
 // A curve over wavelength: the keys <name>_wavelength_nm and <name>, two lists of the same length.
 struct CurveKey {
@@ -64,6 +78,14 @@ constexpr NumberKey kNumbers[] = {
      Need::required},
     {"optics", "pupil_diameter_mm", [](Camera& c) -> double& { return c.optics.pupil_diameter_m; }, 1e-3, 1e-3, 1e5,
      Need::required},
+    {"optics", "vignetting_cos_power", [](Camera& c) -> double& { return c.optics.vignetting_cos_power; }, 1, 0, 20,
+     Need::optional},
+    {"optics", "vignetting_corner_loss", [](Camera& c) -> double& { return c.optics.vignetting_corner_loss; }, 1, 0, 1,
+     Need::optional},
+    {"optics", "stray_light_e_s_px", [](Camera& c) -> double& { return c.optics.stray_light_e_s_px; }, 1, 0, 1e8,
+     Need::optional},
+    {"optics", "stray_light_power", [](Camera& c) -> double& { return c.optics.stray_light_power; }, 1, 0, 20,
+     Need::optional},
     {"psf", "sigma_px", [](Camera& c) -> double& { return c.psf.sigma_px; }, 1, 0.05, 20, Need::required},
     {"psf", "sigma_growth_px", [](Camera& c) -> double& { return c.psf.sigma_growth_px; }, 1, 0, 20, Need::optional},
     {"psf", "halo_fraction", [](Camera& c) -> double& { return c.psf.halo_fraction; }, 1, 0, 1, Need::optional},
@@ -71,6 +93,9 @@ constexpr NumberKey kNumbers[] = {
     {"psf", "halo_offset_u_px", [](Camera& c) -> double& { return c.psf.halo_offset_u_px; }, 1, -100, 100,
      Need::optional},
     {"psf", "halo_offset_v_px", [](Camera& c) -> double& { return c.psf.halo_offset_v_px; }, 1, -100, 100,
+     Need::optional},
+    {"psf", "coma_px", [](Camera& c) -> double& { return c.psf.coma_px; }, 1, -20, 20, Need::optional},
+    {"psf", "kernel_samples_per_px", [](Camera& c) -> double& { return c.psf.kernel.samples_per_px; }, 1, 0.1, 100,
      Need::optional},
     {"detector", "pixel_pitch_um", [](Camera& c) -> double& { return c.detector.pixel_pitch_m; }, 1e-6, 0.1, 1e3,
      Need::required},
@@ -87,6 +112,47 @@ constexpr NumberKey kNumbers[] = {
     {"detector", "bias_dn", [](Camera& c) -> double& { return c.detector.bias_dn; }, 1, 0, 65535, Need::optional},
     {"detector", "background_e_s_px", [](Camera& c) -> double& { return c.detector.background_e_s_px; }, 1, 0, 1e8,
      Need::optional},
+    {"detector", "temperature_c", [](Camera& c) -> double& { return c.detector.temperature_c; }, 1, -273.15, 200,
+     Need::optional},
+    {"detector", "dark_reference_c", [](Camera& c) -> double& { return c.detector.dark_reference_c; }, 1, -273.15, 200,
+     Need::optional},
+    {"detector", "dark_doubling_k", [](Camera& c) -> double& { return c.detector.dark_doubling_k; }, 1, 0, 1e3,
+     Need::optional},
+    {"detector", "hot_pixel_share", [](Camera& c) -> double& { return c.detector.hot_pixel_share; }, 1, 0, 1,
+     Need::optional},
+    {"detector", "hot_pixel_e_s", [](Camera& c) -> double& { return c.detector.hot_pixel_e_s; }, 1, 0, 1e7,
+     Need::optional},
+    {"detector", "cosmic_rays_cm2_s", [](Camera& c) -> double& { return c.detector.cosmic_rays_cm2_s; }, 1, 0, 1e6,
+     Need::optional},
+    {"detector", "cosmic_ray_e_um", [](Camera& c) -> double& { return c.detector.cosmic_ray_e_um; }, 1, 0, 1e5,
+     Need::optional},
+    {"detector", "depth_um", [](Camera& c) -> double& { return c.detector.depth_um; }, 1, 0.1, 1e4, Need::optional},
+    {"detector", "frame_transfer_row_us", [](Camera& c) -> double& { return c.detector.frame_transfer_row_us; }, 1, 0,
+     1e6, Need::optional},
+    {"detector", "rolling_row_us", [](Camera& c) -> double& { return c.detector.rolling_row_us; }, 1, 0, 1e6,
+     Need::optional},
+    {"detector", "time_tag_latency_ms", [](Camera& c) -> double& { return c.detector.time_tag_latency_ms; }, 1, -1e6,
+     1e6, Need::optional},
+    {"detector", "time_tag_jitter_ms", [](Camera& c) -> double& { return c.detector.time_tag_jitter_ms; }, 1, 0, 1e6,
+     Need::optional},
+};
+
+constexpr ChoiceKey kChoices[] = {
+    {"projection",
+     "model",
+     {"pinhole", "fisheye"},
+     [](const Camera& c) { return c.intrinsics.model == ProjectionModel::fisheye; },
+     [](Camera& c, bool second) { c.intrinsics.model = second ? ProjectionModel::fisheye : ProjectionModel::pinhole; }},
+    {"detector",
+     "blooming",
+     {"false", "true"},
+     [](const Camera& c) { return c.detector.blooming; },
+     [](Camera& c, bool second) { c.detector.blooming = second; }},
+    {"detector",
+     "shutter",
+     {"global", "rolling"},
+     [](const Camera& c) { return c.detector.shutter == Shutter::rolling; },
+     [](Camera& c, bool second) { c.detector.shutter = second ? Shutter::rolling : Shutter::global; }},
 };
 
 constexpr CurveKey kCurves[] = {
@@ -103,6 +169,8 @@ std::set<std::string> known_keys() {
   std::set<std::string> keys{"name"};
   for (const auto& key : kIntegers) keys.insert(full_name(key.section, key.name));
   for (const auto& key : kNumbers) keys.insert(full_name(key.section, key.name));
+  for (const auto& key : kChoices) keys.insert(full_name(key.section, key.name));
+  keys.insert("psf.kernel");
   for (const auto& key : kCurves) {
     keys.insert(full_name(key.section, key.name));
     keys.insert(full_name(key.section, key.name) + "_wavelength_nm");
@@ -128,9 +196,13 @@ class Parser {
     for (const NumberKey& key : kNumbers) {
       if (const auto read = number(key, camera); !read) return forward(read);
     }
+    for (const ChoiceKey& key : kChoices) {
+      if (const auto read = choice(key, camera); !read) return forward(read);
+    }
     for (const CurveKey& key : kCurves) {
       if (const auto read = curve(key, camera); !read) return forward(read);
     }
+    if (const auto read = kernel(camera); !read) return forward(read);
     Intrinsics& projection = camera.intrinsics;
     const double focal_px = camera.optics.focal_length_m / camera.detector.pixel_pitch_m;
     if (find("projection", "fx_px") == nullptr) projection.fx_px = focal_px;
@@ -215,6 +287,51 @@ class Parser {
                   full_name(key.section, key.name));
     }
     key.field(camera) = *value * key.to_si;
+    return {};
+  }
+
+  Result<void> choice(const ChoiceKey& key, Camera& camera) const {
+    const toml::node* node = find(key.section, key.name);
+    if (node == nullptr) return {};
+    std::optional<std::string> word = node->value_exact<std::string>();
+    if (key.is_switch())
+      word = node->is_boolean() ? std::optional(*node->value<bool>() ? "true" : "false") : std::nullopt;
+    const auto found = word ? std::find(key.words.begin(), key.words.end(), *word) : key.words.end();
+    if (found == key.words.end()) {
+      return fail(
+          ErrorCode::invalid_argument, "{s}", {}, place(node),
+          fmt::format("{} must be {} or {}", full_name(key.section, key.name), key.text(false), key.text(true)));
+    }
+    key.set(camera, found != key.words.begin());
+    return {};
+  }
+
+  // An image, beside the camera's file.
+  Result<void> kernel(Camera& camera) const {
+    const toml::node* node = find("psf", "kernel");
+    if (node == nullptr) return {};
+    const auto name = node->value_exact<std::string>();
+    if (!name || name->empty()) {
+      return fail(ErrorCode::invalid_argument, "psf.kernel must be the name of an image", {}, place(node));
+    }
+    const std::filesystem::path path = std::filesystem::path(file_).parent_path() / *name;
+    const Result<Picture> picture = read_picture(path);
+    if (!picture) return forward(picture);
+    const ImageF& values = picture->pixels;
+    PsfKernel& kernel = camera.psf.kernel;
+    kernel.file = *name;
+    kernel.width = values.width();
+    kernel.height = values.height();
+    double sum = 0.0;
+    for (const float value : values.pixels()) {
+      if (!(value >= 0.0f)) {
+        return fail(ErrorCode::invalid_argument, "a point-spread function holds no negative light", {}, path.string());
+      }
+      sum += static_cast<double>(value);
+    }
+    if (!(sum > 0.0))
+      return fail(ErrorCode::invalid_argument, "a point-spread function without light", {}, path.string());
+    for (const float value : values.pixels()) kernel.values.push_back(static_cast<float>(value / sum));
     return {};
   }
 
@@ -322,6 +439,13 @@ std::string to_toml(const Camera& camera) {
     for (const NumberKey& key : kNumbers) {
       if (std::string_view(key.section) != section) continue;
       out += fmt::format("{} = {}\n", key.name, number_text(key.field(copy), key.to_si));
+    }
+    for (const ChoiceKey& key : kChoices) {
+      if (std::string_view(key.section) != section) continue;
+      out += fmt::format("{} = {}\n", key.name, key.text(key.get(copy)));
+    }
+    if (std::string_view(section) == "psf" && !copy.psf.kernel.empty()) {
+      out += fmt::format("kernel = \"{}\"\n", copy.psf.kernel.file);
     }
     for (const CurveKey& key : kCurves) {
       if (std::string_view(key.section) != section) continue;

@@ -2,6 +2,7 @@
 #include "simulator/render/renderer.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <mutex>
@@ -10,9 +11,60 @@
 #include "simulator/render/point_spread.h"
 
 namespace astronav::render {
+
+Effects Effects::expected() {
+  Effects e;
+  e.shot = e.read = e.photo_nonuniformity = e.dark_nonuniformity = e.hot_pixels = e.cosmic_rays = false;
+  return e;
+}
+
 namespace {
 
-DnChain chain_of(const Detector& detector, const NoiseSwitches& switches) {
+struct NamedEffect {
+  std::string_view name;
+  bool Effects::*field;
+};
+constexpr std::array<NamedEffect, 17> kEffects{{
+    {"shot", &Effects::shot},
+    {"dark", &Effects::dark},
+    {"read", &Effects::read},
+    {"photo_nonuniformity", &Effects::photo_nonuniformity},
+    {"dark_nonuniformity", &Effects::dark_nonuniformity},
+    {"hot_pixels", &Effects::hot_pixels},
+    {"cosmic_rays", &Effects::cosmic_rays},
+    {"full_well", &Effects::full_well},
+    {"blooming", &Effects::blooming},
+    {"quantisation", &Effects::quantisation},
+    {"frame_transfer", &Effects::frame_transfer},
+    {"vignetting", &Effects::vignetting},
+    {"stray_light", &Effects::stray_light},
+    {"background", &Effects::background},
+    {"psf_aberrations", &Effects::psf_aberrations},
+    {"motion", &Effects::motion},
+    {"discs", &Effects::discs},
+}};
+
+}  // namespace
+
+std::span<const std::string_view> effect_names() {
+  static const auto names = [] {
+    std::array<std::string_view, kEffects.size()> all;
+    for (std::size_t i = 0; i < all.size(); ++i) all[i] = kEffects[i].name;
+    return all;
+  }();
+  return names;
+}
+
+bool* effect(Effects& effects, std::string_view name) {
+  for (const NamedEffect& e : kEffects) {
+    if (e.name == name) return &(effects.*e.field);
+  }
+  return nullptr;
+}
+
+namespace {
+
+DnChain chain_of(const Detector& detector, const Effects& switches) {
   DnChain chain;
   chain.shot = switches.shot;
   chain.full_well_e = switches.full_well ? detector.full_well_e : std::numeric_limits<double>::infinity();
@@ -56,7 +108,7 @@ std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, c
 // Level of each pixel's mean, and the tables of the levels.
 struct Renderer::Background {
   double exposure_s = 0.0;
-  NoiseSwitches switches;
+  Effects switches;
   DnTables tables;
   std::vector<std::uint16_t> level;
   std::vector<std::uint32_t> apart;  // pixels whose mean no level fits: drawn one by one
@@ -76,7 +128,9 @@ Renderer::Renderer(const Camera& camera, std::uint64_t detector_seed)
                        {.seed = detector_seed, .purpose = "dark signal of the detector"})),
       cache_(std::make_shared<BackgroundCache>()) {}
 
-void Renderer::electrons(std::span<const RenderedSource> sources, double exposure_s, ImageF& out) const {
+void Renderer::electrons(std::span<const RenderedSource> sources, const Exposure& exposure, ImageF& out,
+                         const Effects&) const {
+  const double exposure_s = exposure.duration_s;
   const Detector& d = camera_.detector;
   out = ImageF(camera_.intrinsics.width_px, camera_.intrinsics.height_px,
                static_cast<float>((d.background_e_s_px + d.dark_current_e_s) * exposure_s));
@@ -98,15 +152,14 @@ struct Means {
   }
 };
 
-Means means_of(const Detector& d, double exposure_s, const NoiseSwitches& switches) {
+Means means_of(const Detector& d, double exposure_s, const Effects& switches) {
   return {d.background_e_s_px * exposure_s, switches.dark ? d.dark_current_e_s * exposure_s : 0.0,
           switches.photo_nonuniformity, switches.dark_nonuniformity};
 }
 
 }  // namespace
 
-std::shared_ptr<const Renderer::Background> Renderer::background(double exposure_s,
-                                                                 const NoiseSwitches& switches) const {
+std::shared_ptr<const Renderer::Background> Renderer::background(double exposure_s, const Effects& switches) const {
   {
     const std::lock_guard lock(cache_->mutex);
     if (cache_->last && cache_->last->exposure_s == exposure_s && cache_->last->switches == switches) {
@@ -153,8 +206,9 @@ std::shared_ptr<const Renderer::Background> Renderer::background(double exposure
   return made;
 }
 
-void Renderer::frame(std::span<const RenderedSource> sources, double exposure_s, const StreamId& noise, ImageU16& out,
-                     const NoiseSwitches& switches) const {
+void Renderer::frame(std::span<const RenderedSource> sources, const Exposure& exposure, const StreamId& noise,
+                     ImageU16& out, const Effects& switches) const {
+  const double exposure_s = exposure.duration_s;
   const int width = camera_.intrinsics.width_px;
   const int height = camera_.intrinsics.height_px;
   if (out.width() != width || out.height() != height) out = ImageU16(width, height);

@@ -118,7 +118,7 @@ TEST(Renderer, FluxIsClosedToATenthOfAPercent) {
       for (const double electrons : {100.0, 3600.0, 1e5, 1e7, 1e9}) {
         ImageF image;
         const RenderedSource star = star_at(31.37, 29.81, electrons);
-        renderer.electrons({&star, 1}, 0.4, image);
+        renderer.electrons({&star, 1}, {.duration_s = 0.4}, image);
         EXPECT_NEAR(sum_of(image) / electrons, 1.0, 1e-3) << sigma << " " << electrons << " " << halo;
       }
     }
@@ -130,7 +130,7 @@ TEST(Renderer, NoiseFreeCentroidOfAPlainGaussianIsExact) {
   for (double phase = 0.0; phase < 1.0; phase += 0.093) {
     ImageF image;
     const RenderedSource star = star_at(31.0 + phase, 30.0 + 0.7 * phase, 1e5);
-    renderer.electrons({&star, 1}, 0.4, image);
+    renderer.electrons({&star, 1}, {.duration_s = 0.4}, image);
     const Pixel centre = centroid_of(image);
     EXPECT_NEAR(centre.u, star.pixel.u, 1e-3);
     EXPECT_NEAR(centre.v, star.pixel.v, 1e-3);
@@ -141,7 +141,7 @@ TEST(Renderer, PixelsHoldTheIntegralOfTheGaussian) {
   const Renderer renderer(quiet_camera(), 1);
   ImageF image;
   const RenderedSource star = star_at(31.3, 30.6, 1e6);
-  renderer.electrons({&star, 1}, 0.4, image);
+  renderer.electrons({&star, 1}, {.duration_s = 0.4}, image);
   for (const auto& [u, v] : {std::pair{31, 31}, std::pair{33, 30}, std::pair{30, 28}}) {
     double integral = 0.0;  // midpoint rule, 200 x 200
     for (int i = 0; i < 200; ++i) {
@@ -162,7 +162,7 @@ TEST(Renderer, TheCoreGrowsTowardsTheCorner) {
   for (const double place : {127.5, 200.0, 240.0}) {
     ImageF image;
     const RenderedSource star = star_at(place, place, 1e7);
-    renderer.electrons({&star, 1}, 0.4, image);
+    renderer.electrons({&star, 1}, {.duration_s = 0.4}, image);
     double moment = 0.0;
     for (int v = 0; v < 256; ++v) {
       for (int u = 0; u < 256; ++u) moment += (u - place) * (u - place) * static_cast<double>(image(u, v));
@@ -178,7 +178,7 @@ TEST(Renderer, SourcesNearTheEdgeAreCutThere) {
   ImageF image;
   const RenderedSource stars[] = {star_at(-0.5, 20.0, 1e5), star_at(200.0, 20.0, 1e5), star_at(1e12, -1e12, 1e5),
                                   star_at(20.0, 20.0, 0.0)};
-  renderer.electrons(stars, 0.4, image);
+  renderer.electrons(stars, {.duration_s = 0.4}, image);
   EXPECT_NEAR(sum_of(image), 5e4, 50.0);
 }
 
@@ -219,7 +219,7 @@ TEST(Renderer, BackgroundNoiseFollowsTheExactLaw) {
     std::vector<double> counts(static_cast<std::size_t>(dn_count), 0.0);
     ImageU16 image;
     for (std::uint64_t i = 0; i < 3; ++i) {
-      renderer.frame({}, 0.4, frame_name(5, i), image);
+      renderer.frame({}, {.duration_s = 0.4}, frame_name(5, i), image);
       for (const std::uint16_t dn : image.pixels()) ++counts.at(std::min<std::size_t>(dn, counts.size() - 1));
     }
     const std::vector<double> law = mixed_law(d, 0.4 * c.background_e_s, 0.4 * c.dark_e_s, dn_count);
@@ -240,12 +240,12 @@ TEST(Renderer, NoiseOfPixelsUnderASourceFollowsTheExactLaw) {
   const Renderer renderer(camera, 7);
   const RenderedSource star = star_at(7.3, 8.4, 900.0);
   ImageF expected;
-  renderer.electrons({&star, 1}, 0.4, expected);
+  renderer.electrons({&star, 1}, {.duration_s = 0.4}, expected);
   const std::pair<int, int> places[] = {{7, 8}, {8, 8}, {9, 9}};
   std::vector<std::vector<double>> counts(3, std::vector<double>(400, 0.0));
   ImageU16 image;
   for (std::uint64_t i = 0; i < 40000; ++i) {
-    renderer.frame({&star, 1}, 0.4, frame_name(3, i), image);
+    renderer.frame({&star, 1}, {.duration_s = 0.4}, frame_name(3, i), image);
     for (std::size_t p = 0; p < 3; ++p) ++counts[p].at(image(places[p].first, places[p].second));
   }
   for (std::size_t p = 0; p < 3; ++p) {
@@ -267,8 +267,8 @@ TEST(Renderer, PhotonTransferCurveGivesTheGain) {
     const Renderer renderer(camera, 7);
     ImageU16 a;
     ImageU16 b;
-    renderer.frame({}, 1.0, frame_name(1, 0), a);
-    renderer.frame({}, 1.0, frame_name(1, 1), b);
+    renderer.frame({}, {.duration_s = 1.0}, frame_name(1, 0), a);
+    renderer.frame({}, {.duration_s = 1.0}, frame_name(1, 1), b);
     double sum = 0.0;
     double squares = 0.0;
     for (std::size_t i = 0; i < a.pixels().size(); ++i) {
@@ -293,9 +293,9 @@ TEST(Renderer, TheSameNameGivesTheSameFrame) {
   ImageU16 a;
   ImageU16 b;
   ImageU16 c;
-  renderer.frame({&star, 1}, 0.4, frame_name(1, 4), a);
-  renderer.frame({&star, 1}, 0.4, frame_name(1, 5), c);
-  std::thread([&] { Renderer(camera, 7).frame({&star, 1}, 0.4, frame_name(1, 4), b); }).join();
+  renderer.frame({&star, 1}, {.duration_s = 0.4}, frame_name(1, 4), a);
+  renderer.frame({&star, 1}, {.duration_s = 0.4}, frame_name(1, 5), c);
+  std::thread([&] { Renderer(camera, 7).frame({&star, 1}, {.duration_s = 0.4}, frame_name(1, 4), b); }).join();
   EXPECT_TRUE(std::equal(a.pixels().begin(), a.pixels().end(), b.pixels().begin()));
   EXPECT_FALSE(std::equal(a.pixels().begin(), a.pixels().end(), c.pixels().begin()));
 }
@@ -310,7 +310,7 @@ TEST(Renderer, TheFixedPatternBelongsToTheDetector) {
     std::vector<double> sum(64 * 64, 0.0);
     ImageU16 image;
     for (std::uint64_t i = 0; i < 50; ++i) {
-      renderer.frame({}, 1.0, frame_name(2, first_image + i), image);
+      renderer.frame({}, {.duration_s = 1.0}, frame_name(2, first_image + i), image);
       for (std::size_t p = 0; p < sum.size(); ++p) sum[p] += image.pixels()[p] / 50.0;
     }
     return sum;
@@ -332,15 +332,15 @@ TEST(Renderer, FullWellAndBitsClip) {
   Camera camera = quiet_camera();
   const Renderer renderer(camera, 1);
   const RenderedSource venus = star_at(30.2, 31.4, 1e8);
-  NoiseSwitches switches = NoiseSwitches::none();
+  Effects switches = Effects::expected();
   ImageU16 image;
-  renderer.frame({&venus, 1}, 0.4, frame_name(1, 0), image, switches);
+  renderer.frame({&venus, 1}, {.duration_s = 0.4}, frame_name(1, 0), image, switches);
   EXPECT_EQ(image(30, 31), 4064);  // 1e5 / 25 + 64
   switches.full_well = false;
-  renderer.frame({&venus, 1}, 0.4, frame_name(1, 0), image, switches);
+  renderer.frame({&venus, 1}, {.duration_s = 0.4}, frame_name(1, 0), image, switches);
   EXPECT_EQ(image(30, 31), 4095);
   switches.quantisation = false;
-  renderer.frame({&venus, 1}, 0.4, frame_name(1, 0), image, switches);
+  renderer.frame({&venus, 1}, {.duration_s = 0.4}, frame_name(1, 0), image, switches);
   EXPECT_EQ(image(30, 31), 65535);
 }
 
@@ -351,9 +351,9 @@ TEST(Renderer, WithoutNoiseTheFrameIsTheExpectedElectrons) {
   const Renderer renderer(camera, 1);
   const RenderedSource star = star_at(30.2, 31.4, 2e5);
   ImageF electrons;
-  renderer.electrons({&star, 1}, 0.4, electrons);
+  renderer.electrons({&star, 1}, {.duration_s = 0.4}, electrons);
   ImageU16 image;
-  renderer.frame({&star, 1}, 0.4, frame_name(1, 0), image, NoiseSwitches::none());
+  renderer.frame({&star, 1}, {.duration_s = 0.4}, frame_name(1, 0), image, Effects::expected());
   for (int v = 0; v < 64; ++v) {
     for (int u = 0; u < 64; ++u) ASSERT_NEAR(image(u, v), electrons(u, v) / 25.0 + 64.0, 0.51) << u << " " << v;
   }

@@ -14,15 +14,20 @@
 
 namespace astronav::sky {
 
-enum class SourceKind : unsigned char { star, planet };
+enum class SourceKind : unsigned char { star, planet, small_body };
 
 struct SkySource {
   SourceKind kind = SourceKind::star;
-  std::int64_t id = 0;              // Hipparcos number, or NAIF number of the planet's centre
-  Vec3 direction_N = Vec3::Zero();  // apparent unit vector: where a camera at rest with the observer sees it
+  std::int64_t id = 0;  // Hipparcos number, or NAIF number of the planet's centre
+  // Apparent unit vector: where a camera at rest with the observer sees it. Of a body: its centre of light.
+  Vec3 direction_N = Vec3::Zero();
   double v_mag = 0.0;
   double b_v = 0.65;
   BandFlux flux;
+  // Of bodies: what a resolved disc looks like. 0 where it has to be drawn as a point.
+  double angular_radius_rad = 0.0;
+  double phase_angle_rad = 0.0;
+  Vec3 sunward_N = Vec3::Zero();  // unit vector across the line of sight, towards the Sun
 };
 
 struct SkySettings {

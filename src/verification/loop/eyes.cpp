@@ -76,7 +76,7 @@ Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_
                         world_.band(), world_.sky_settings());
   if (!sky) return forward(sky);
   sources_ = render::place_sources(*sky, camera, R_CN, camera.exposure_s);
-  world_.renderer().frame(sources_, camera.exposure_s, noise, frame_);
+  world_.renderer().frame(sources_, {.duration_s = camera.exposure_s}, noise, frame_);
   records.stage_ms_sum.render += milliseconds_since(before);
 
   before = std::chrono::steady_clock::now();
