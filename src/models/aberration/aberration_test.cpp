@@ -32,6 +32,21 @@ TEST(Aberration, AgreesWithErfa) {
   }
 }
 
+TEST(Aberration, ForManyDirectionsIsTheSame) {
+  RandomStream random(StreamId{.seed = 3, .purpose = "aberration for many"});
+  for (const double speed : {0.0, 3e4, 1e5, 3e7, 2e8}) {
+    for (int i = 0; i < 100; ++i) {
+      const Vec3 direction = random_direction(random);
+      const Vec3 velocity = speed * random_direction(random);
+      const Vec3 along = random.uniform(0.5, 2.0) * direction;
+      const auto [x, y, z] = Aberration(velocity).apparent(along.x(), along.y(), along.z());
+      const Vec3 apparent(x, y, z);
+      EXPECT_LT((apparent - aberrate(direction, velocity)).norm(), 1e-15) << speed;
+      EXPECT_NEAR(apparent.norm(), 1.0, 1e-15);
+    }
+  }
+}
+
 // The angle from the apex of motion, in closed form: tan(theta'/2) = sqrt((1-beta)/(1+beta)) tan(theta/2).
 TEST(Aberration, AgreesWithTheHalfAngleFormula) {
   for (const double beta : {1e-4, 0.1, 0.9}) {

@@ -67,7 +67,33 @@ constexpr std::array kNames = std::to_array<Name>({
     {2000002, "pallas"},
     {2000003, "juno"},
     {2000004, "vesta"},
+    {2000006, "hebe"},
+    {2000007, "iris"},
+    {2000008, "flora"},
+    {2000009, "metis"},
+    {2000010, "hygiea"},
+    {2000015, "eunomia"},
+    {2000016, "psyche"},
+    {2000021, "lutetia"},
+    {2000029, "amphitrite"},
+    {2000243, "ida"},
+    {2000253, "mathilde"},
     {2000433, "eros"},
+    {2000511, "davida"},
+    {2000704, "interamnia"},
+    {2000951, "gaspra"},
+    {2002867, "steins"},
+    {2025143, "itokawa"},
+    {2065803, "didymos"},
+    {2099942, "apophis"},
+    {2101955, "bennu"},
+    {2162173, "ryugu"},
+    {2050000, "quaoar"},
+    {2090377, "sedna"},
+    {2090482, "orcus"},
+    {2136108, "haumea"},
+    {2136199, "eris"},
+    {2136472, "makemake"},
     {-31, "voyager 1"},
     {-32, "voyager 2"},
     {-96, "parker solar probe"},
@@ -138,7 +164,20 @@ Plain plain(std::string_view s) {
 
 }  // namespace
 
+std::optional<std::int32_t> asteroid_number(BodyId id) {
+  if (id.value > 2'000'000 && id.value < 3'000'000) return id.value - 2'000'000;
+  if (id.value > 20'000'000 && id.value < 50'000'000) return id.value - 20'000'000;
+  return std::nullopt;
+}
+
+std::optional<BodyId> other_number(BodyId id) {
+  const auto number = asteroid_number(id);
+  if (!number || *number >= 1'000'000) return std::nullopt;
+  return BodyId{id.value < 3'000'000 ? 20'000'000 + *number : 2'000'000 + *number};
+}
+
 std::string_view body_name(BodyId id) {
+  if (id.value > 20'000'000) id = other_number(id).value_or(id);
   for (const Name& known : kNames) {
     if (known.id == id.value) return known.name;
   }

@@ -33,6 +33,11 @@ Result<BodyId> parse_body(std::string_view text);
 // The barycentre that stands in for a planet's centre where a kernel lacks it (599 -> 5; 399 -> none).
 std::optional<BodyId> barycenter_of(BodyId id);
 
+// The number in the catalogue of minor planets, for NAIF's numbers 2000000 + n (below a million) and 20000000 + n.
+std::optional<std::int32_t> asteroid_number(BodyId id);
+// 2000001 for 20000001 and back: kernels use either for the same body. None for other bodies.
+std::optional<BodyId> other_number(BodyId id);
+
 struct BodyConstants {
   double gm_m3_s2 = 0.0;             // DE440 (gm_de440.tpc)
   double equatorial_radius_m = 0.0;  // IAU 2015 (pck00011.tpc)

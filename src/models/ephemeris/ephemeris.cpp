@@ -279,6 +279,8 @@ Result<BodyId> Ephemeris::resolve(BodyId id) const {
   if (held(id)) return id;
   const auto stand_in = barycenter_of(id);
   if (stand_in && held(*stand_in)) return *stand_in;
+  const auto other = other_number(id);
+  if (other && held(*other)) return *other;
   Sentence who;
   who.add_body(id);
   return fail(ErrorCode::not_found, "no kernel holds {s}", {}, {}, who.view());

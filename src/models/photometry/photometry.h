@@ -24,7 +24,8 @@ struct Illumination {
 double phase_angle(const Illumination& geometry);  // rad, Sun-body-observer
 PhaseGeometry phase_geometry(const Illumination& geometry);
 
-// Apparent V magnitude of a planet (Mallama & Hilton 2018; by its own or its barycentre's number) or the Moon.
+// Apparent V magnitude of a planet (Mallama & Hilton 2018; by its own or its barycentre's number), Pluto or the Moon.
+// Asteroids and the other dwarf planets: small_bodies.h.
 // not_found for other bodies, invalid_argument for a body at the place of Sun or observer.
 Result<double> planet_v_magnitude(BodyId body, const Illumination& geometry);
 // H, G law (Bowell et al. 1989).

@@ -7,6 +7,8 @@
 
 #include <gtest/gtest.h>
 
+#include "models/photometry/small_bodies.h"
+
 namespace astronav {
 namespace {
 
@@ -77,6 +79,61 @@ TEST(Photometry, AsteroidsFollowBowell) {
   EXPECT_NEAR(asteroid_v_magnitude(3.20, 0.32, seen(1, 1, 0)), 3.20, 1e-9);
   EXPECT_NEAR(asteroid_v_magnitude(3.20, 0.32, seen(2, 1, 20 * kDegree)),
               3.20 + 5 * std::log10(2.0) - 2.5 * std::log10(0.68 * 0.32762 + 0.32 * 0.79845), 2e-4);
+}
+
+// Muinonen et al. 2010: published nodes, straight lines below 7.5 degrees, and the observations of (24) Themis that
+// the paper fits with H = 7.088, G1 = 0.62, G2 = 0.14 (Harris et al. 1989), which scatter by 0.01 to 0.02 mag.
+TEST(Photometry, HG1G2BasisFunctions) {
+  EXPECT_NEAR(phase_basis(0.0).phi1, 1.0, 1e-7);
+  EXPECT_NEAR(phase_basis(0.0).phi2, 1.0, 1e-7);
+  EXPECT_EQ(phase_basis(0.0).phi3, 1.0);
+  EXPECT_NEAR(phase_basis(5.0 * kDegree).phi1, 1.0 - 6.0 * 5.0 / 180.0, 1e-7);
+  EXPECT_NEAR(phase_basis(5.0 * kDegree).phi2, 1.0 - 9.0 * 5.0 / (5.0 * 180.0), 1e-7);
+  EXPECT_NEAR(phase_basis(60.0 * kDegree).phi1, 0.13410560, 1e-8);
+  EXPECT_NEAR(phase_basis(90.0 * kDegree).phi2, 0.12716367, 1e-8);
+  EXPECT_NEAR(phase_basis(1.0 * kDegree).phi3, 0.57735424, 1e-8);
+  EXPECT_EQ(phase_basis(40.0 * kDegree).phi3, 0.0);
+  // A cubic spline: value, slope and curvature meet at the nodes.
+  for (const double node : {30.0, 60.0, 90.0, 120.0}) {
+    const double h = 0.05 * kDegree;
+    const auto second = [&](double a) {
+      return (phase_basis(a - h).phi1 - 2.0 * phase_basis(a).phi1 + phase_basis(a + h).phi1) / (h * h);
+    };
+    const double at = node * kDegree;
+    EXPECT_NEAR(second(at - 1.01 * h), second(at + 1.01 * h), 0.02 * std::abs(second(at)) + 1e-3) << node;
+  }
+}
+
+TEST(Photometry, ThemisFollowsHG1G2) {
+  const double phase_deg[] = {0.34, 0.57, 1.17, 1.98, 2.8, 3.95, 4.95, 6.89, 7.79, 13.28, 20.79};
+  const double v[] = {7.146, 7.197, 7.239, 7.278, 7.351, 7.417, 7.478, 7.586, 7.626, 7.853, 8.110};
+  for (int i = 0; i < 11; ++i) {
+    EXPECT_NEAR(small_body_v_magnitude({7.088, 0.62, 0.14}, seen(1, 1, phase_deg[i] * kDegree)), v[i], 0.025) << i;
+  }
+}
+
+TEST(Photometry, SmallBodiesAreKnownByBothNumbers) {
+  for (const SmallBody& body : known_small_bodies()) {
+    EXPECT_FALSE(body_name(body.id).empty()) << body.id.value;
+    EXPECT_EQ(known_small_body(body.id), &body);
+    EXPECT_EQ(known_small_body(*other_number(body.id)), &body);
+    EXPECT_EQ(body_name(*other_number(body.id)), body_name(body.id));
+    EXPECT_EQ(*other_number(*other_number(body.id)), body.id);
+    // Size and brightness belong together: geometric albedos between coal and fresh ice. Bowell et al. 1989:
+    // D = 1329 km 10^(-H/5) / sqrt(albedo).
+    const double albedo = std::pow(1329e3 * std::pow(10.0, -0.2 * body.law.h) / (2.0 * body.mean_radius_m), 2);
+    EXPECT_GT(albedo, 0.03) << body_name(body.id);
+    EXPECT_LT(albedo, 1.0) << body_name(body.id);
+  }
+  EXPECT_EQ(known_small_body(body::mars), nullptr);
+  EXPECT_EQ(known_small_body({2999999}), nullptr);
+}
+
+// Oppositions: Pluto 14.3 in 2020 (33.1 and 34.1 au), Ceres 7.0 in 2028 or so, Vesta 5.3 in June 2018 (1.14 and 2.15
+// au).
+TEST(Photometry, OppositionsOfDwarfPlanetsAndVesta) {
+  EXPECT_NEAR(*planet_v_magnitude(body::pluto, seen(34.1, 33.1, 0.3 * kDegree)), 14.3, 0.1);
+  EXPECT_NEAR(small_body_v_magnitude(known_small_body({2000004})->law, seen(2.15, 1.14, 1.8 * kDegree)), 5.3, 0.15);
 }
 
 TEST(Photometry, TemperatureOfTheSun) {

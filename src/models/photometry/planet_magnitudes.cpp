@@ -100,6 +100,10 @@ double neptune_v_magnitude(const PhaseGeometry& g, double year) {
   return distance_term(g) + std::clamp(-6.89 - 0.0054 * (year - 1980.0), -7.00, -6.89) + beyond_earth;
 }
 
+double pluto_v_magnitude(const PhaseGeometry& g) {
+  return distance_term(g) - 1.00 + 0.04 * g.phase_deg;
+}
+
 double moon_v_magnitude(const PhaseGeometry& g) {
   return distance_term(g) + polynomial(g.phase_deg, {0.23, 0.026, 0.0, 0.0, 4e-9});
 }

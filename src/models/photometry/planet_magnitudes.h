@@ -27,6 +27,8 @@ double saturn_globe_v_magnitude(const PhaseGeometry& g);
 // `effective_latitude_deg` from uranus_effective_latitude_deg().
 double uranus_v_magnitude(const PhaseGeometry& g, double effective_latitude_deg);
 double neptune_v_magnitude(const PhaseGeometry& g, double year);
+// Pluto with Charon, as in Harris 1961, and 0.04 mag a degree.
+double pluto_v_magnitude(const PhaseGeometry& g);
 // Allen 1973. No opposition surge.
 double moon_v_magnitude(const PhaseGeometry& g);
 

@@ -97,6 +97,7 @@ Result<double> planet_v_magnitude(BodyId id, const Illumination& geometry) {
   if (planet == body::earth) return earth_v_magnitude(g);
   if (planet == body::moon) return moon_v_magnitude(g);
   if (planet == body::jupiter) return jupiter_v_magnitude(g);
+  if (planet == body::pluto) return pluto_v_magnitude(g);
   if (planet == body::neptune) return neptune_v_magnitude(g, 2000.0 + geometry.epoch.julian_years_since_j2000());
 
   const Result<SubPoints> points = sub_points(planet, geometry);
@@ -145,6 +146,8 @@ double planet_b_v(BodyId id) {
       return 0.56;
     case body::neptune.value:
       return 0.41;
+    case body::pluto.value:
+      return 0.85;
     default:
       return 0.65;
   }

@@ -16,10 +16,6 @@ using star_file::Cell;
 using star_file::Header;
 using star_file::Record;
 
-constexpr double kAstronomicalUnit = 149597870700.0;  // m, IAU 2012 B2
-constexpr double kSpeedOfLight = 299792458.0;         // m/s
-constexpr double kSecondsPerYear = 365.25 * 86400.0;
-
 // Rounding of the file's numbers: half a unit of 1/(2^31 - 1) in each component, and then some.
 constexpr double kDirectionRounding = 1e-9;
 
@@ -37,6 +33,21 @@ Vec3 center(const Cell& cell) {
 Vec3 scaled_direction(const Record& r) {
   return {static_cast<double>(r.direction[0]), static_cast<double>(r.direction[1]),
           static_cast<double>(r.direction[2])};
+}
+
+Star decode(const Record& record) {
+  Star star;
+  star.id = record.id;
+  // One step of Newton's method: the rounded vector's length is off by less than 1e-9.
+  const Vec3 d = scaled_direction(record) / star_file::kDirectionScale;
+  star.direction_N = d * (1.5 - 0.5 * d.squaredNorm());
+  star.pm_ra_cosdec_rad_yr = record.pm_ra_cosdec * (star_file::kMotionUnitMas * kMilliarcsecond);
+  star.pm_dec_rad_yr = record.pm_dec * (star_file::kMotionUnitMas * kMilliarcsecond);
+  star.parallax_rad = record.parallax * (star_file::kParallaxUnitMas * kMilliarcsecond);
+  star.v_mag = static_cast<float>(record.v * star_file::kMagnitudeUnit);
+  star.b_v = record.b_v == star_file::kUnknownColour ? std::numeric_limits<float>::quiet_NaN()
+                                                     : static_cast<float>(record.b_v * star_file::kMagnitudeUnit);
+  return star;
 }
 
 std::size_t cell_offset(std::size_t cell) {
@@ -144,17 +155,7 @@ std::string_view StarCatalogue::source() const {
 
 Star StarCatalogue::star(std::size_t index) const {
   ASTRONAV_CHECK_OP(index, <, size_);
-  const auto record = read<Record>(bytes_, record_offset(cell_count_, index));
-  Star star;
-  star.id = record.id;
-  star.direction_N = scaled_direction(record).normalized();
-  star.pm_ra_cosdec_rad_yr = record.pm_ra_cosdec * (star_file::kMotionUnitMas * kMilliarcsecond);
-  star.pm_dec_rad_yr = record.pm_dec * (star_file::kMotionUnitMas * kMilliarcsecond);
-  star.parallax_rad = record.parallax * (star_file::kParallaxUnitMas * kMilliarcsecond);
-  star.v_mag = static_cast<float>(record.v * star_file::kMagnitudeUnit);
-  star.b_v = record.b_v == star_file::kUnknownColour ? std::numeric_limits<float>::quiet_NaN()
-                                                     : static_cast<float>(record.b_v * star_file::kMagnitudeUnit);
-  return star;
+  return decode(read<Record>(bytes_, record_offset(cell_count_, index)));
 }
 
 std::optional<std::size_t> StarCatalogue::find(std::uint32_t id) const {
@@ -164,8 +165,8 @@ std::optional<std::size_t> StarCatalogue::find(std::uint32_t id) const {
   return std::nullopt;
 }
 
-std::size_t StarCatalogue::cone(const Vec3& center_N, double radius_rad, double max_v_mag,
-                                std::span<std::uint32_t> out) const {
+template <typename Take>
+std::size_t StarCatalogue::search(const Vec3& center_N, double radius_rad, double max_v_mag, Take&& take) const {
   const double radius = std::clamp(radius_rad, 0.0, kPi);
   const double cos_radius = std::cos(radius);
   const double sin_radius = std::sin(radius);
@@ -188,25 +189,28 @@ std::size_t StarCatalogue::cone(const Vec3& center_N, double radius_rad, double 
       std::memcpy(&record, at, sizeof(record));
       if (record.v > faintest) break;
       if ((scaled_direction(record) - scaled_center).squaredNorm() > max_chord2) continue;
-      if (found < out.size()) out[found] = cell.first + k;
-      ++found;
+      take(found++, cell.first + k, record);
     }
   }
   return found;
 }
 
+std::size_t StarCatalogue::cone(const Vec3& center_N, double radius_rad, double max_v_mag,
+                                std::span<std::uint32_t> out) const {
+  return search(center_N, radius_rad, max_v_mag, [&](std::size_t n, std::uint32_t index, const Record&) {
+    if (n < out.size()) out[n] = index;
+  });
+}
+
+std::size_t StarCatalogue::stars_in_cone(const Vec3& center_N, double radius_rad, double max_v_mag,
+                                         std::span<Star> out) const {
+  return search(center_N, radius_rad, max_v_mag, [&](std::size_t n, std::uint32_t, const Record& record) {
+    if (n < out.size()) out[n] = decode(record);
+  });
+}
+
 Vec3 star_direction(const Star& star, Epoch epoch, const Vec3& p_observer_O_N) {
-  const Vec3& d = star.direction_N;
-  // Unit vectors to the east and north; at a pole, where east has no meaning, proper motion is not defined either.
-  const double rho = std::max(std::hypot(d.x(), d.y()), 1e-12);
-  const Vec3 east(-d.y() / rho, d.x() / rho, 0.0);
-  const Vec3 north = d.cross(east);
-  // Light passes the observer earlier than the barycentre by d.p/c; the catalogue's motion counts at the barycentre.
-  const double years = epoch.julian_years_since_j2000() + d.dot(p_observer_O_N) / (kSpeedOfLight * kSecondsPerYear);
-  const double parallax = std::max(star.parallax_rad, 0.0);
-  return (d + (star.pm_ra_cosdec_rad_yr * east + star.pm_dec_rad_yr * north) * years -
-          (parallax / kAstronomicalUnit) * p_observer_O_N)
-      .normalized();
+  return StarPlaces(epoch, p_observer_O_N).direction(star);
 }
 
 }  // namespace astronav

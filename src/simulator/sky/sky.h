@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sky: what an observer sees inside a cone: apparent directions (light time, exact aberration, proper motion, parallax)
-// and band fluxes. Planets and Moon are points of light: discs, moons of other planets and the Sun are not here.
+// and band fluxes. Bodies come with what is needed to draw their lit discs; moons of other planets and the Sun are not
+// here.
 #pragma once
 
 #include <cstdint>
@@ -10,6 +11,7 @@
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
 #include "models/photometry/photometry.h"
+#include "models/photometry/small_bodies.h"
 #include "models/stars/catalogue.h"
 
 namespace astronav::sky {
@@ -18,7 +20,7 @@ enum class SourceKind : unsigned char { star, planet, small_body };
 
 struct SkySource {
   SourceKind kind = SourceKind::star;
-  std::int64_t id = 0;  // Hipparcos number, or NAIF number of the planet's centre
+  std::int64_t id = 0;  // Hipparcos number, or NAIF number of the planet's centre or the small body
   // Apparent unit vector: where a camera at rest with the observer sees it. Of a body: its centre of light.
   Vec3 direction_N = Vec3::Zero();
   double v_mag = 0.0;
@@ -27,15 +29,20 @@ struct SkySource {
   // Of bodies: what a resolved disc looks like. 0 where it has to be drawn as a point.
   double angular_radius_rad = 0.0;
   double phase_angle_rad = 0.0;
-  Vec3 sunward_N = Vec3::Zero();  // unit vector across the line of sight, towards the Sun
+  Vec3 sunward_N =
+      Vec3::Zero();  // unit vector across the line of sight, towards the Sun, as the moving observer sees it
 };
 
 struct SkySettings {
   double max_v_mag = 8.0;  // of stars
   bool aberration = true;
   bool light_time = true;
-  bool centre_of_light = true;         // planets at their photocentre; false: at the centre of figure (the paper's way)
+  // Bodies at their centre of light, with their discs; false: points at the centre of figure (the paper's way).
+  bool centre_of_light = true;
   double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
+  // Small bodies beside the known ones (known_small_bodies()) or, with the number of one, in its place. Those that no
+  // kernel holds are not seen.
+  std::vector<SmallBody> bodies{};
 };
 
 // How far (m) the photocentre of a Lambert sphere lies from its centre towards the Sun, across the line of sight.
@@ -45,17 +52,19 @@ double lambert_photocentre_shift(double radius_m, double phase_angle_rad);
 class Sky {
  public:
   // The ephemeris and catalogue must outlive the object.
-  Sky(const Ephemeris& ephemeris, const StarCatalogue& catalogue) : ephemeris_(&ephemeris), catalogue_(&catalogue) {}
+  Sky(const Ephemeris& ephemeris, const StarCatalogue& catalogue);
 
   // All sources within `radius_rad` of the apparent direction `axis_N`, brightest first: stars not fainter than
-  // max_v_mag, Mercury to Neptune, Earth and Moon as far as the kernels hold them, without those in or right above
-  // which (two radii) the observer is. `observer_O` is the barycentric state. out_of_range beyond the ephemeris.
+  // max_v_mag; Mercury to Pluto, Earth, Moon and small bodies as far as the kernels hold them, without those in or
+  // right above which (two radii) the observer is. `observer_O` is the barycentric state. out_of_range beyond the
+  // ephemeris; a small body is just not there beyond its kernel.
   Result<std::vector<SkySource>> look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
                                       const BandPhotometry& band, const SkySettings& settings) const;
 
  private:
   const Ephemeris* ephemeris_;
   const StarCatalogue* catalogue_;
+  std::vector<SmallBody> known_;  // those that the kernels hold
 };
 
 }  // namespace astronav::sky

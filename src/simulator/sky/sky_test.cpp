@@ -164,6 +164,45 @@ TEST_F(SkyTest, ThePhotocentreLiesTowardsTheSun) {
   EXPECT_LT(angle_between(photo.direction_N, sun), angle_between(centre.direction_N, sun));
 }
 
+// The whole lit disc, seen by an observer in motion: the sub-solar limb is aberrated point by point.
+TEST_F(SkyTest, TheDiscIsThatOfTheBodySeenByTheMovingObserver) {
+  State observer = earth();
+  observer.v_m_s *= 300.0;  // 9000 km/s: 3 % of c, so that aberration turns and stretches the disc visibly
+  const SkySource venus = *find(all_sky(observer, {.max_v_mag = 0.0}), SourceKind::planet, body::venus.value);
+  const LightTime seen = *light_time(ephemeris_, *ephemeris_.resolve(body::venus), observer, epoch_);
+  const Vec3 p = seen.relative.p_m;
+  const Vec3 from_sun =
+      ephemeris_.state(body::venus_barycenter, body::sun, epoch_ - Duration::seconds(seen.light_time_s))->p_m;
+  EXPECT_NEAR(venus.phase_angle_rad, phase_angle({from_sun, p, epoch_}), 1e-12);
+  const Vec3 across = (-from_sun - p.normalized() * p.normalized().dot(-from_sun)).normalized();
+  const double shift = lambert_photocentre_shift(6051.8e3, venus.phase_angle_rad);
+  const Vec3 light = aberrate((p + shift * across).normalized(), observer.v_m_s);
+  const Vec3 limb = aberrate((p + (shift + 6051.8e3) * across).normalized(), observer.v_m_s);
+  EXPECT_LT(angle_between(venus.direction_N, light), 1e-9 * kArcsecond);
+  EXPECT_NEAR(venus.angular_radius_rad / angle_between(light, limb), 1.0, 1e-6);
+  EXPECT_LT(angle_between(venus.sunward_N, limb - light), 1e-3);
+  EXPECT_NEAR(venus.sunward_N.norm(), 1.0, 1e-14);
+  EXPECT_NEAR(venus.sunward_N.dot(venus.direction_N), 0.0, 1e-14);
+  // The paper's way: a point.
+  const SkySettings paper{.max_v_mag = 0.0, .centre_of_light = false};
+  EXPECT_EQ(find(all_sky(observer, paper), SourceKind::planet, body::venus.value)->angular_radius_rad, 0.0);
+}
+
+// Cones too small to hold anything but one body: asking in advance whether it may be inside must not lose it.
+TEST_F(SkyTest, EveryBodyIsFoundInANarrowConeAroundItself) {
+  for (const double faster : {1.0, 1000.0}) {
+    State observer = earth();
+    observer.v_m_s *= faster;
+    const auto sources = all_sky(observer, {.max_v_mag = -5.0});
+    EXPECT_EQ(sources.size(), 9u);  // eight planets and the Moon, without the Earth, with Pluto
+    for (const SkySource& source : sources) {
+      const auto narrow =
+          *sky_.look(epoch_, observer, source.direction_N, 0.01 * kArcsecond, band_, {.max_v_mag = -5.0});
+      EXPECT_NE(find(narrow, source.kind, source.id), nullptr) << source.id;
+    }
+  }
+}
+
 TEST_F(SkyTest, BeyondTheEphemerisIsAnError) {
   const auto sources = sky_.look(*Epoch::parse("2100-01-01 TDB"), {}, Vec3::UnitX(), 0.1, band_, SkySettings{});
   ASSERT_FALSE(sources);
