@@ -2,23 +2,34 @@
 #include "simulator/render/dn_law.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+
+#include "foundation/base/check.h"
 
 namespace astronav::render {
 namespace {
 
 // Beyond this many sigma a law holds less than 2^-39.
 constexpr double kReach = 7.0;
+constexpr double kLeastPoisson = 1e-13;
+// Sizes of tables.
+constexpr std::size_t kMaxLevels = 4096;
+constexpr double kMaxProducts = 5e7;  // to make them: less than a tenth of a second
+constexpr double kGradedStep = 0.02;  // of the noise
+constexpr double kGradedMaxMean = 1500.0;
+constexpr long kGradedWidest = 256;  // values of a law: the tables of small means have to stay in the cache
 
 double normal_cdf(double x) {
   return 0.5 * std::erfc(-x * 0.70710678118654752440);
 }
 
-// Electrons that a Poisson law of these means can bring (a little wider than kReach, for its skewness).
+// From lowest to highest electrons that a Poisson law can bring (a little wider than kReach, for its skewness).
 struct Span {
   long first;
   long last;
+  long size() const { return last - first + 1; }
 };
 Span electrons_of(double lowest_mean_e, double highest_mean_e) {
   const double down = kReach * std::sqrt(lowest_mean_e) + 2.0;
@@ -26,98 +37,118 @@ Span electrons_of(double lowest_mean_e, double highest_mean_e) {
   return {std::max(0L, static_cast<long>(lowest_mean_e - down)), static_cast<long>(highest_mean_e + up)};
 }
 
-Span dn_of(const DnChain& chain, double lowest_e, double highest_e) {
+Span dn_of(const DnChain& chain, double lowest_mean_e, double highest_mean_e) {
+  Span electrons{};
+  double low = lowest_mean_e;
+  double high = highest_mean_e;
+  if (chain.shot) {
+    electrons = electrons_of(lowest_mean_e, highest_mean_e);
+    low = static_cast<double>(electrons.first);
+    high = static_cast<double>(electrons.last);
+  }
   const double reach = kReach * chain.read_noise_e;
-  return {chain.digitise(std::min(lowest_e, chain.full_well_e) - reach),
-          chain.digitise(std::min(highest_e, chain.full_well_e) + reach)};
+  return {chain.digitise(std::min(low, chain.full_well_e) - reach),
+          chain.digitise(std::min(high, chain.full_well_e) + reach)};
+}
+
+// Where a law of this mean is seen at all: seven of its sigmas, which is narrower than what dn_of() gives.
+Span dn_of_law(const DnChain& chain, double mean_e) {
+  const Span widest = dn_of(chain, mean_e, mean_e);
+  const double reach = (kReach + 0.5) * chain.noise_e(mean_e) + (chain.shot ? 8.0 : 0.0);
+  return {std::max<long>(widest.first, chain.digitise(std::min(mean_e, chain.full_well_e) - reach)),
+          std::min<long>(widest.last, chain.digitise(mean_e + reach))};
+}
+
+// P(DN) for any mean within bounds (docs/theory/rendering.md eq. 5). The read-out of each number of electrons is
+// computed once.
+class LawMaker {
+ public:
+  LawMaker(const DnChain& chain, double lowest_mean_e, double highest_mean_e)
+      : chain_(chain), electrons_(electrons_of(lowest_mean_e, highest_mean_e)) {
+    if (!chain_.shot) return;
+    const auto count = static_cast<std::size_t>(electrons_.size());
+    read_.resize(count);
+    log_factorial_.resize(count);
+    for (std::size_t k = 0; k < count; ++k) {
+      const double n = static_cast<double>(electrons_.first) + static_cast<double>(k);
+      log_factorial_[k] = std::lgamma(n + 1.0);
+      read_[k] = read_out(n);
+    }
+  }
+
+  // Probabilities of first_dn, first_dn + 1, ...; the outermost take what lies beyond them.
+  void law(double mean_e, long first_dn, std::span<double> out) const {
+    std::fill(out.begin(), out.end(), 0.0);
+    if (!chain_.shot) {
+      add(read_out(mean_e), 1.0, first_dn, out);
+      return;
+    }
+    const Span here = electrons_of(mean_e, mean_e);
+    const double log_mean = mean_e > 0.0 ? std::log(mean_e) : 0.0;
+    for (long n = std::max(here.first, electrons_.first); n <= std::min(here.last, electrons_.last); ++n) {
+      const auto k = static_cast<std::size_t>(n - electrons_.first);
+      const double poisson = mean_e > 0.0 ? std::exp(static_cast<double>(n) * log_mean - mean_e - log_factorial_[k])
+                                          : (n == 0 ? 1.0 : 0.0);
+      if (poisson >= kLeastPoisson) add(read_[k], poisson, first_dn, out);
+    }
+  }
+
+ private:
+  struct ReadOut {
+    long first_dn = 0;
+    std::vector<double> probability;
+  };
+  ReadOut read_out(double well) const {
+    well = std::min(well, chain_.full_well_e);
+    const double reach = kReach * chain_.read_noise_e;
+    ReadOut out;
+    out.first_dn = chain_.digitise(well - reach);
+    const long last = chain_.digitise(well + reach);
+    double below = 0.0;
+    for (long dn = out.first_dn; dn <= last; ++dn) {
+      const double edge_e = (static_cast<double>(dn) + 0.5 - chain_.bias_dn) * chain_.gain_e_dn;
+      const double up_to = dn == last ? 1.0 : normal_cdf((edge_e - well) / chain_.read_noise_e);
+      out.probability.push_back(up_to - below);
+      below = up_to;
+    }
+    return out;
+  }
+  static void add(const ReadOut& read, double weight, long first_dn, std::span<double> out) {
+    const long last = static_cast<long>(out.size()) - 1;
+    for (std::size_t i = 0; i < read.probability.size(); ++i) {
+      const long at = std::clamp(read.first_dn + static_cast<long>(i) - first_dn, 0L, last);
+      out[static_cast<std::size_t>(at)] += weight * read.probability[i];
+    }
+  }
+
+  DnChain chain_;
+  Span electrons_;
+  std::vector<ReadOut> read_;
+  std::vector<double> log_factorial_;
+};
+
+double products(const DnChain& chain, double mean_e, double levels) {
+  const double read_width = 2.0 * kReach * chain.read_noise_e / chain.gain_e_dn + 2.0;
+  return levels * read_width * (chain.shot ? static_cast<double>(electrons_of(mean_e, mean_e).size()) : 1.0);
 }
 
 }  // namespace
 
-bool DnTables::too_costly(const DnChain& chain, double lowest_mean_e, double highest_mean_e, std::size_t levels) {
-  const Span electrons = chain.shot ? electrons_of(lowest_mean_e, highest_mean_e) : Span{0, 0};
-  const Span dn = chain.shot ? dn_of(chain, static_cast<double>(electrons.first), static_cast<double>(electrons.last))
-                             : dn_of(chain, lowest_mean_e, highest_mean_e);
-  const double width = static_cast<double>(dn.last - dn.first + 1);
-  const double products = width * static_cast<double>(electrons.last - electrons.first + 1);
-  return products > 4e6 || products * static_cast<double>(levels) > 4e8 || width * static_cast<double>(levels) > 4e6;
+double DnChain::noise_e(double mean_e) const {
+  return std::sqrt((shot ? mean_e : 0.0) + read_noise_e * read_noise_e + gain_e_dn * gain_e_dn / 12.0);
 }
 
-DnTables::DnTables(const DnChain& chain, std::span<const double> means_e) {
-  const auto [lowest, highest] = std::minmax_element(means_e.begin(), means_e.end());
-  const Span electrons = electrons_of(*lowest, *highest);
-  const Span dn = chain.shot ? dn_of(chain, static_cast<double>(electrons.first), static_cast<double>(electrons.last))
-                             : dn_of(chain, *lowest, *highest);
-  const auto dn_count = static_cast<std::size_t>(dn.last - dn.first + 1);
-  slot_bits_ = std::max(1, static_cast<int>(std::bit_width(dn_count - 1)));
-  slots_.reserve(means_e.size() << slot_bits_);
-
-  // Probability of each DN given the electrons in the well; the outermost DN take what lies beyond them.
-  const auto dn_given = [&](double well, double* out) {
-    well = std::min(well, chain.full_well_e);
-    if (!(chain.read_noise_e > 0.0)) {
-      std::fill(out, out + dn_count, 0.0);
-      out[chain.digitise(well) - dn.first] = 1.0;
-      return;
-    }
-    double below = 0.0;
-    for (std::size_t i = 0; i < dn_count; ++i) {
-      const double edge_e =
-          (static_cast<double>(dn.first) + static_cast<double>(i) + 0.5 - chain.bias_dn) * chain.gain_e_dn;
-      const double up_to = i + 1 == dn_count ? 1.0 : normal_cdf((edge_e - well) / chain.read_noise_e);
-      out[i] = up_to - below;
-      below = up_to;
-    }
-  };
-
-  std::vector<double> law(dn_count);
-  if (!chain.shot) {
-    for (const double mean : means_e) {
-      dn_given(mean, law.data());
-      add_level(law, static_cast<int>(dn.first));
-    }
-    return;
-  }
-  const auto electron_count = static_cast<std::size_t>(electrons.last - electrons.first + 1);
-  std::vector<double> given(electron_count * dn_count);
-  for (std::size_t k = 0; k < electron_count; ++k) {
-    dn_given(static_cast<double>(electrons.first) + static_cast<double>(k), given.data() + k * dn_count);
-  }
-  for (const double mean : means_e) {
-    std::fill(law.begin(), law.end(), 0.0);
-    for (std::size_t k = 0; k < electron_count; ++k) {
-      const double n = static_cast<double>(electrons.first) + static_cast<double>(k);
-      const double poisson = mean > 0.0 ? std::exp(n * std::log(mean) - mean - std::lgamma(n + 1.0)) : (n == 0.0);
-      if (poisson < 1e-13) continue;
-      for (std::size_t i = 0; i < dn_count; ++i) law[i] += poisson * given[k * dn_count + i];
-    }
-    add_level(law, static_cast<int>(dn.first));
-  }
+AliasTables::AliasTables(std::size_t widest_law)
+    : bits_(std::max(1, static_cast<int>(std::bit_width(std::max<std::size_t>(widest_law, 2) - 1)))) {
+  ASTRONAV_CHECK(widest_law <= kWidest);
 }
 
-void DnTables::draw(std::span<const std::uint16_t> levels, RandomStream& random, std::uint16_t* out) const {
-  const Slot* const slots = slots_.data();
-  const int bits = slot_bits_;
-  // The choice between a slot's two values is a coin toss, which no branch predictor likes: arithmetic decides.
-  const auto one = [=](std::uint16_t level, std::uint32_t r) {
-    const Slot slot = slots[(static_cast<std::size_t>(level) << bits) + (r >> (32 - bits))];
-    const auto mask = static_cast<std::uint32_t>(-static_cast<std::int32_t>((r << bits) < slot.threshold));
-    return static_cast<std::uint16_t>(slot.other ^ ((slot.own ^ slot.other) & mask));
-  };
-  std::size_t i = 0;
-  for (; i + 1 < levels.size(); i += 2) {
-    const std::uint64_t r = random.next();
-    out[i] = one(levels[i], static_cast<std::uint32_t>(r));
-    out[i + 1] = one(levels[i + 1], static_cast<std::uint32_t>(r >> 32));
-  }
-  if (i < levels.size()) out[i] = one(levels[i], static_cast<std::uint32_t>(random.next()));
-}
-
-void DnTables::add_level(std::span<const double> probability, int first_dn) {
-  const std::size_t count = std::size_t{1} << slot_bits_;
+void AliasTables::add(std::span<const double> probability) {
+  const std::size_t count = std::size_t{1} << bits_;
+  ASTRONAV_CHECK(probability.size() <= count);
   double sum = 0.0;
   for (const double p : probability) sum += p;
-  std::vector<double> share(count, 0.0);  // of a slot's width
+  std::array<double, kWidest> share{};  // of a slot's width
   std::vector<std::size_t> small;
   std::vector<std::size_t> large;
   for (std::size_t i = 0; i < count; ++i) {
@@ -125,23 +156,125 @@ void DnTables::add_level(std::span<const double> probability, int first_dn) {
     (share[i] < 1.0 ? small : large).push_back(i);
   }
   const std::size_t base = slots_.size();
-  const auto dn_at = [&](std::size_t i) {
-    return static_cast<std::uint16_t>(first_dn + static_cast<int>(std::min(i, probability.size() - 1)));
-  };
   slots_.resize(base + count);
   while (!small.empty() && !large.empty()) {
     const std::size_t s = small.back();
     const std::size_t l = large.back();
     small.pop_back();
-    slots_[base + s] = {static_cast<std::uint32_t>(std::min(share[s] * 0x1p32, 0x1p32 - 1.0)), dn_at(s), dn_at(l)};
+    const double threshold = std::min(std::floor(share[s] * 0x1p22 + 0.5), 0x1p22 - 1.0);
+    slots_[base + s] = static_cast<std::uint32_t>(threshold) << 10 | static_cast<std::uint32_t>(l);
     share[l] -= 1.0 - share[s];
     if (share[l] < 1.0) {
       large.pop_back();
       small.push_back(l);
     }
   }
+  // What rounding left over keeps its own value.
   for (const auto* rest : {&small, &large}) {
-    for (const std::size_t i : *rest) slots_[base + i] = {0xffffffffu, dn_at(i), dn_at(i)};
+    for (const std::size_t i : *rest) slots_[base + i] = 0xfffffc00u | static_cast<std::uint32_t>(i);
+  }
+}
+
+std::optional<EvenLaws> EvenLaws::make(const DnChain& chain, double lowest_mean_e, double highest_mean_e,
+                                       double step_e) {
+  const Span dn = dn_of(chain, lowest_mean_e, highest_mean_e);
+  if (dn.size() > static_cast<long>(AliasTables::kWidest)) return {};
+  const double wanted = std::ceil((highest_mean_e - lowest_mean_e) / step_e) + 1.0;
+  if (!(wanted <= static_cast<double>(kMaxLevels)) || products(chain, highest_mean_e, wanted) > kMaxProducts) return {};
+  EvenLaws made;
+  made.levels_ = static_cast<std::size_t>(wanted);
+  made.lowest_e_ = lowest_mean_e;
+  made.step_e_ = made.levels_ > 1 ? (highest_mean_e - lowest_mean_e) / (wanted - 1.0) : std::max(step_e, 1e-9);
+  made.first_dn_ = static_cast<std::uint16_t>(dn.first);
+  const auto width = static_cast<std::size_t>(dn.size());
+  made.tables_ = AliasTables(width);
+  const LawMaker maker(chain, lowest_mean_e, highest_mean_e);
+  std::vector<double> law(width);
+  for (std::size_t i = 0; i < made.levels_; ++i) {
+    maker.law(lowest_mean_e + made.step_e_ * static_cast<double>(i), dn.first, law);
+    made.tables_.add(law);
+  }
+  return made;
+}
+
+void EvenLaws::draw(std::span<const std::uint16_t> levels, RandomBlock& random, std::uint16_t* out) const {
+  constexpr std::size_t kBlock = 2048;
+  std::array<std::uint32_t, kBlock> words;
+  const std::uint32_t* const slots = tables_.slots();
+  const int bits = tables_.bits();
+  const std::uint32_t first = first_dn_;
+  for (std::size_t begin = 0; begin < levels.size(); begin += kBlock) {
+    const std::size_t count = std::min(kBlock, levels.size() - begin);
+    random.fill(std::span(words).first(count));
+    const std::uint16_t* const level = levels.data() + begin;
+    std::uint16_t* const dn = out + begin;
+    for (std::size_t i = 0; i < count; ++i) {
+      dn[i] = static_cast<std::uint16_t>(first + AliasTables::draw(slots, bits, level[i], words[i]));
+    }
+  }
+}
+
+std::optional<GradedLaws> GradedLaws::make(const DnChain& chain) {
+  if (!chain.shot) return {};
+  GradedLaws made;
+  // The law must fit into a table, and the well be far from full.
+  double highest = std::min(kGradedMaxMean, 0.25 * chain.full_well_e);
+  while (highest > 1.0 && dn_of_law(chain, highest).size() > kGradedWidest) highest *= 0.7;
+  made.root0_ = chain.noise_e(0.0);
+  made.step_ = 0.5 * kGradedStep;
+  const double offset = made.root0_ * made.root0_;
+  const auto steps = static_cast<std::size_t>(std::floor((std::sqrt(highest + offset) - made.root0_) / made.step_));
+  const auto mean = [&](std::size_t i) {
+    const double root = made.root0_ + static_cast<double>(i) * made.step_;
+    return root * root - offset;
+  };
+  if (steps < 2 || highest <= 1.0 || products(chain, highest, static_cast<double>(steps)) > kMaxProducts) return {};
+  std::size_t widest = 2;
+  std::vector<Span> spans;
+  for (std::size_t i = 0; i <= steps; ++i) {
+    spans.push_back(dn_of_law(chain, mean(i)));
+    widest = std::max(widest, static_cast<std::size_t>(spans.back().size()));
+  }
+  made.tables_ = AliasTables(widest);
+  const LawMaker maker(chain, 0.0, mean(steps));
+  std::vector<double> law;
+  for (std::size_t i = 0; i <= steps; ++i) {
+    law.resize(static_cast<std::size_t>(spans[i].size()));
+    maker.law(mean(i), spans[i].first, law);
+    made.tables_.add(law);
+    made.first_.push_back(static_cast<std::uint32_t>(spans[i].first));
+  }
+  made.max_mean_e_ = mean(steps);
+  return made;
+}
+
+void GradedLaws::draw(std::span<const float> means_e, RandomBlock& random, std::uint16_t* out) const {
+  constexpr std::size_t kBlock = 1024;
+  std::array<std::uint32_t, 2 * kBlock> words;
+  const auto root0 = static_cast<float>(root0_);
+  const auto offset = static_cast<float>(root0_ * root0_);
+  const auto step = static_cast<float>(step_);
+  const auto per_step = static_cast<float>(1.0 / step_);
+  const auto last = static_cast<float>(first_.size() - 2);
+  const std::uint32_t* const first = first_.data();
+  const std::uint32_t* const slots = tables_.slots();
+  const int bits = tables_.bits();
+  for (std::size_t begin = 0; begin < means_e.size(); begin += kBlock) {
+    const std::size_t count = std::min(kBlock, means_e.size() - begin);
+    random.fill(std::span(words).first(2 * count));
+    const float* const mean = means_e.data() + begin;
+    const std::uint32_t* const coins = words.data() + count;
+    std::uint16_t* const dn = out + begin;
+    for (std::size_t i = 0; i < count; ++i) {
+      // Between the levels at root_below^2 and (root_below + step)^2, both less the offset.
+      const float root = std::sqrt(mean[i] + offset);
+      const auto below = static_cast<std::int32_t>(std::min(std::max((root - root0) * per_step, 0.0f), last));
+      const float root_below = root0 + static_cast<float>(below) * step;
+      const float share = (root - root_below) * (root + root_below) / (step * (2.0f * root_below + step));
+      const float coin = static_cast<float>(coins[i] >> 8) * 0x1p-24f;
+      const auto level = static_cast<std::uint32_t>(below + (coin < share ? 1 : 0));
+      dn[i] = static_cast<std::uint16_t>(first[level] + AliasTables::draw(slots, bits, level, words[i]));
+    }
   }
 }
 

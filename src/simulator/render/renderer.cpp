@@ -4,257 +4,405 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <deque>
 #include <limits>
+#include <map>
 #include <mutex>
 
+#include "simulator/render/detector_pattern.h"
 #include "simulator/render/dn_law.h"
 #include "simulator/render/point_spread.h"
+#include "simulator/render/protons.h"
 
 namespace astronav::render {
-
-Effects Effects::expected() {
-  Effects e;
-  e.shot = e.read = e.photo_nonuniformity = e.dark_nonuniformity = e.hot_pixels = e.cosmic_rays = false;
-  return e;
-}
-
 namespace {
 
-struct NamedEffect {
-  std::string_view name;
-  bool Effects::*field;
-};
-constexpr std::array<NamedEffect, 17> kEffects{{
-    {"shot", &Effects::shot},
-    {"dark", &Effects::dark},
-    {"read", &Effects::read},
-    {"photo_nonuniformity", &Effects::photo_nonuniformity},
-    {"dark_nonuniformity", &Effects::dark_nonuniformity},
-    {"hot_pixels", &Effects::hot_pixels},
-    {"cosmic_rays", &Effects::cosmic_rays},
-    {"full_well", &Effects::full_well},
-    {"blooming", &Effects::blooming},
-    {"quantisation", &Effects::quantisation},
-    {"frame_transfer", &Effects::frame_transfer},
-    {"vignetting", &Effects::vignetting},
-    {"stray_light", &Effects::stray_light},
-    {"background", &Effects::background},
-    {"psf_aberrations", &Effects::psf_aberrations},
-    {"motion", &Effects::motion},
-    {"discs", &Effects::discs},
-}};
+constexpr double kMeanStepSigma = 0.004;  // to which background means are rounded, in noise of the pixel
+constexpr double kLeastSmear = 1e-3;      // of a column, in noise of a dark pixel: less is not drawn
+constexpr std::size_t kKept = 3;          // backgrounds, of different exposures
+// A pixel this near to its full well (in sigmas) may overflow.
+constexpr double kNearlyFull = 8.0;
 
-}  // namespace
-
-std::span<const std::string_view> effect_names() {
-  static const auto names = [] {
-    std::array<std::string_view, kEffects.size()> all;
-    for (std::size_t i = 0; i < all.size(); ++i) all[i] = kEffects[i].name;
-    return all;
-  }();
-  return names;
-}
-
-bool* effect(Effects& effects, std::string_view name) {
-  for (const NamedEffect& e : kEffects) {
-    if (e.name == name) return &(effects.*e.field);
-  }
-  return nullptr;
-}
-
-namespace {
-
-DnChain chain_of(const Detector& detector, const Effects& switches) {
+DnChain chain_of(const Detector& detector, const Effects& effects) {
   DnChain chain;
-  chain.shot = switches.shot;
-  chain.full_well_e = switches.full_well ? detector.full_well_e : std::numeric_limits<double>::infinity();
-  chain.read_noise_e = switches.read ? detector.read_noise_e : 0.0;
+  chain.shot = effects.shot;
+  chain.full_well_e = effects.full_well ? detector.full_well_e : std::numeric_limits<double>::infinity();
+  chain.read_noise_e = effects.read ? detector.read_noise_e : 0.0;
   chain.gain_e_dn = detector.gain_e_dn;
   chain.bias_dn = detector.bias_dn;
-  chain.max_dn = switches.quantisation ? (1 << detector.bits) - 1 : 65535;
+  chain.max_dn = effects.quantisation ? (1 << detector.bits) - 1 : 65535;
   return chain;
 }
 
-// Means are rounded to this share of the pixel's noise.
-constexpr double kMeanStepSigma = 0.004;
-constexpr std::size_t kMaxLevels = 4096;
-
-Image<float> normal_map(int width, int height, double sigma, const StreamId& id) {
-  Image<float> map(width, height);
-  RandomStream random(id);
-  // A pixel never loses more than all of its signal.
-  for (float& x : map.pixels()) x = static_cast<float>(std::max(-1.0, sigma * random.normal()));
-  return map;
+RandomStream stream_of(const StreamId& frame, std::string_view purpose) {
+  return RandomStream({.seed = frame.seed, .sample = frame.sample, .image = frame.image, .purpose = purpose});
 }
+RandomBlock block_of(const StreamId& frame, std::string_view purpose) {
+  return RandomBlock({.seed = frame.seed, .sample = frame.sample, .image = frame.image, .purpose = purpose});
+}
+
+// Time that the image spends under a row on its way to the store, as a share of the exposure.
+double transfer_share(const Camera& camera, const Exposure& exposure, const Effects& effects) {
+  return effects.frame_transfer && exposure.duration_s > 0.0
+             ? camera.detector.frame_transfer_row_us * 1e-6 / exposure.duration_s
+             : 0.0;
+}
+
+// Stray sunlight over the picture (docs/theory/rendering.md eq. 12), smooth: on a grid, and linear between.
+class StrayLight {
+ public:
+  StrayLight(const Camera& camera, const Exposure& exposure, const Effects& effects) {
+    const double distance = exposure.sun_C_m.norm();
+    if (!effects.stray_light || !(camera.optics.stray_light_e_s_px > 0.0) || !(distance > 0.0)) return;
+    const Intrinsics& k = camera.intrinsics;
+    const Vec3 sun_C = exposure.sun_C_m / distance;
+    const double at_30_degrees =
+        camera.optics.stray_light_e_s_px * exposure.duration_s * std::pow(kAstronomicalUnit / distance, 2);
+    grid_ = ImageF((k.width_px - 1) / kStep + 2, (k.height_px - 1) / kStep + 2);
+    for (int j = 0; j < grid_.height(); ++j) {
+      for (int i = 0; i < grid_.width(); ++i) {
+        const Result<Vec3> direction_C = unproject(k, {static_cast<double>(i * kStep), static_cast<double>(j * kStep)});
+        if (!direction_C) continue;
+        // The law holds outside of the Sun's disc.
+        const double angle = std::max(0.25 * kDegree, angle_between(*direction_C, sun_C));
+        grid_(i, j) =
+            static_cast<float>(at_30_degrees * std::pow(30.0 * kDegree / angle, camera.optics.stray_light_power));
+      }
+    }
+  }
+  bool any() const { return grid_.width() > 0; }
+  float operator()(int u, int v) const {
+    if (!any()) return 0.0f;
+    const int i = u / kStep;
+    const int j = v / kStep;
+    const float x = static_cast<float>(u % kStep) / kStep;
+    const float y = static_cast<float>(v % kStep) / kStep;
+    return (1.0f - y) * ((1.0f - x) * grid_(i, j) + x * grid_(i + 1, j)) +
+           y * ((1.0f - x) * grid_(i, j + 1) + x * grid_(i + 1, j + 1));
+  }
+
+ private:
+  static constexpr int kStep = 16;
+  ImageF grid_;
+};
+
+// Charge of one column, as far as it is known: pixels are drawn when overflowing charge reaches them.
+class Column {
+ public:
+  Column(int height, double full_well_e) : full_well_(full_well_e), charge_(static_cast<std::size_t>(height), -1.0) {}
+
+  // Marks a pixel with what it collected, the well's limit aside.
+  void set(int v, double electrons) { charge_[static_cast<std::size_t>(v)] = electrons; }
+  double charge(int v) const { return charge_[static_cast<std::size_t>(v)]; }
+  bool known(int v) const { return charge(v) >= 0.0; }
+
+  // Half of what a well cannot hold runs up, half down; each fills what room it meets. At the edge it drains away.
+  template <typename Draw>
+  void overflow(const Draw& draw) {
+    const int height = static_cast<int>(charge_.size());
+    std::vector<double> excess(charge_.size(), 0.0);
+    for (std::size_t v = 0; v < charge_.size(); ++v) {
+      if (charge_[v] <= full_well_) continue;
+      excess[v] = charge_[v] - full_well_;
+      charge_[v] = full_well_;
+    }
+    for (const int step : {1, -1}) {
+      double running = 0.0;
+      for (int v = step > 0 ? 0 : height - 1; v >= 0 && v < height; v += step) {
+        if (running > 0.0) {
+          if (!known(v)) set(v, std::min(full_well_, draw(v)));
+          const double taken = std::min(running, full_well_ - charge(v));
+          set(v, charge(v) + taken);
+          running -= taken;
+        }
+        const double whole = std::floor(0.5 * excess[static_cast<std::size_t>(v)]);
+        running += step > 0 ? whole : excess[static_cast<std::size_t>(v)] - whole;
+      }
+    }
+  }
+
+ private:
+  double full_well_;
+  std::vector<double> charge_;
+};
 
 }  // namespace
 
-std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, const Camera& camera, const Mat3& R_CN,
-                                          double exposure_s, double margin_px) {
-  std::vector<RenderedSource> placed;
-  placed.reserve(sky.size());
-  const double u_max = camera.intrinsics.width_px - 0.5 + margin_px;
-  const double v_max = camera.intrinsics.height_px - 0.5 + margin_px;
-  for (const sky::SkySource& source : sky) {
-    const Result<Pixel> pixel = project(camera.intrinsics, R_CN * source.direction_N);
-    if (!pixel || pixel->u < -0.5 - margin_px || pixel->u > u_max || pixel->v < -0.5 - margin_px || pixel->v > v_max) {
-      continue;
-    }
-    placed.push_back({source, *pixel, source.flux.electrons_per_s * exposure_s});
-  }
-  return placed;
-}
-
-// Level of each pixel's mean, and the tables of the levels.
 struct Renderer::Background {
-  double exposure_s = 0.0;
-  Effects switches;
-  DnTables tables;
-  std::vector<std::uint16_t> level;
-  std::vector<std::uint32_t> apart;  // pixels whose mean no level fits: drawn one by one
-  bool tabulated = true;             // false: every pixel is drawn one by one
+  Exposure exposure;
+  Effects effects;
+  DnChain chain;
+  struct Pixel {
+    float mean_e;    // expected electrons without sources
+    float response;  // of the light of sources
+  };
+  Image<Pixel> pixels;
+  std::optional<EvenLaws> laws;
+  std::vector<std::uint16_t> level;  // of each pixel in `laws`
+  std::vector<std::uint32_t> apart;  // pixels whose mean no level fits: drawn by themselves
+  std::shared_ptr<const std::optional<GradedLaws>> graded;
+
+  bool is_for(const Exposure& e, const Effects& f) const {
+    return exposure.duration_s == e.duration_s && effects == f && exposure.sun_C_m == e.sun_C_m;
+  }
 };
 
-struct Renderer::BackgroundCache {
+struct Renderer::Cache {
   std::mutex mutex;
-  std::shared_ptr<const Background> last;
+  std::deque<std::shared_ptr<const Background>> backgrounds;
+  std::vector<std::pair<DnChain, std::shared_ptr<const std::optional<GradedLaws>>>> graded;
 };
 
 Renderer::Renderer(const Camera& camera, std::uint64_t detector_seed)
     : camera_(camera),
-      prnu_(normal_map(camera.intrinsics.width_px, camera.intrinsics.height_px, camera.detector.photo_nonuniformity,
-                       {.seed = detector_seed, .purpose = "photo response of the detector"})),
-      dsnu_(normal_map(camera.intrinsics.width_px, camera.intrinsics.height_px, camera.detector.dark_nonuniformity,
-                       {.seed = detector_seed, .purpose = "dark signal of the detector"})),
-      cache_(std::make_shared<BackgroundCache>()) {}
+      pattern_(std::make_shared<DetectorPattern>(camera, detector_seed)),
+      cache_(std::make_shared<Cache>()) {}
 
-void Renderer::electrons(std::span<const RenderedSource> sources, const Exposure& exposure, ImageF& out,
-                         const Effects&) const {
-  const double exposure_s = exposure.duration_s;
-  const Detector& d = camera_.detector;
-  out = ImageF(camera_.intrinsics.width_px, camera_.intrinsics.height_px,
-               static_cast<float>((d.background_e_s_px + d.dark_current_e_s) * exposure_s));
-  Scratch scratch;
-  for (const RenderedSource& source : sources) add_source(out, camera_, source.pixel, source.electrons, scratch);
-}
+std::shared_ptr<const Renderer::Background> Renderer::background(const Exposure& asked, const Effects& effects) const {
+  // The Sun's place matters to stray light alone.
+  Exposure exposure{.duration_s = asked.duration_s};
+  const StrayLight stray(camera_, asked, effects);
+  if (stray.any()) exposure.sun_C_m = asked.sun_C_m;
 
-namespace {
-
-// Expected electrons of every pixel without sources: light (1 + PRNU) + dark (1 + DSNU).
-struct Means {
-  double light_e;
-  double dark_e;
-  bool prnu;
-  bool dsnu;
-  double operator()(float photo, float dark) const {
-    return light_e * (prnu ? 1.0 + static_cast<double>(photo) : 1.0) +
-           dark_e * (dsnu ? 1.0 + static_cast<double>(dark) : 1.0);
-  }
-};
-
-Means means_of(const Detector& d, double exposure_s, const Effects& switches) {
-  return {d.background_e_s_px * exposure_s, switches.dark ? d.dark_current_e_s * exposure_s : 0.0,
-          switches.photo_nonuniformity, switches.dark_nonuniformity};
-}
-
-}  // namespace
-
-std::shared_ptr<const Renderer::Background> Renderer::background(double exposure_s, const Effects& switches) const {
+  auto made = std::make_shared<Background>();
+  made->exposure = exposure;
+  made->effects = effects;
+  made->chain = chain_of(camera_.detector, effects);
   {
     const std::lock_guard lock(cache_->mutex);
-    if (cache_->last && cache_->last->exposure_s == exposure_s && cache_->last->switches == switches) {
-      return cache_->last;
+    for (const auto& kept : cache_->backgrounds) {
+      if (kept->is_for(exposure, effects)) return kept;
+    }
+    for (const auto& [chain, laws] : cache_->graded) {
+      if (chain == made->chain) made->graded = laws;
     }
   }
   const Detector& d = camera_.detector;
-  const DnChain chain = chain_of(d, switches);
-  const Means means = means_of(d, exposure_s, switches);
-  const double typical = means.light_e + means.dark_e;
-  const double spread = 5.5 * std::hypot(switches.photo_nonuniformity ? means.light_e * d.photo_nonuniformity : 0.0,
-                                         switches.dark_nonuniformity ? means.dark_e * d.dark_nonuniformity : 0.0);
-  const double lowest = std::max(0.0, typical - spread);
-  const double highest = typical + spread;
-  const double noise = std::sqrt((switches.shot ? typical : 0.0) + chain.read_noise_e * chain.read_noise_e +
-                                 chain.gain_e_dn * chain.gain_e_dn / 12.0);
-  const double wanted = std::ceil((highest - lowest) / (kMeanStepSigma * noise)) + 1.0;
+  const int width = camera_.intrinsics.width_px;
+  const int height = camera_.intrinsics.height_px;
+  const double light_e = effects.background ? d.background_e_s_px * exposure.duration_s : 0.0;
+  const double dark_e = effects.dark ? d.dark_current_e_s * exposure.duration_s * dark_factor(d) : 0.0;
+  const bool vignetted = effects.vignetting && pattern_->vignetting.width() > 0;
+  made->pixels = Image<Background::Pixel>(width, height);
+  // Diffuse light smears as well: every pixel passes under its whole column.
+  std::vector<double> column_sums(static_cast<std::size_t>(width), 0.0);
+  for (int v = 0; v < height; ++v) {
+    for (int u = 0; u < width; ++u) {
+      Background::Pixel& pixel = made->pixels(u, v);
+      const float seen = vignetted ? pattern_->vignetting(u, v) : 1.0f;
+      pixel.mean_e = (static_cast<float>(light_e) + stray(u, v)) * seen;
+      pixel.response = effects.photo_nonuniformity ? 1.0f + pattern_->prnu(u, v) : 1.0f;
+      column_sums[static_cast<std::size_t>(u)] += static_cast<double>(pixel.mean_e);
+    }
+  }
+  const double transfer = transfer_share(camera_, exposure, effects);
+  double lowest = std::numeric_limits<double>::infinity();
+  double highest = 0.0;
+  for (int v = 0; v < height; ++v) {
+    for (int u = 0; u < width; ++u) {
+      Background::Pixel& pixel = made->pixels(u, v);
+      const auto smear = static_cast<float>(transfer * column_sums[static_cast<std::size_t>(u)]);
+      const float dark = effects.dark_nonuniformity ? 1.0f + pattern_->dsnu(u, v) : 1.0f;
+      pixel.mean_e = (pixel.mean_e + smear) * pixel.response + static_cast<float>(dark_e) * dark;
+      lowest = std::min(lowest, static_cast<double>(pixel.mean_e));
+      highest = std::max(highest, static_cast<double>(pixel.mean_e));
+    }
+  }
+  if (effects.dark && effects.hot_pixels) {
+    for (const HotPixel& hot : pattern_->hot) {
+      made->pixels.pixels()[hot.index].mean_e += static_cast<float>(hot.leak * exposure.duration_s * dark_factor(d));
+    }
+  }
 
-  auto made = std::make_shared<Background>();
-  made->exposure_s = exposure_s;
-  made->switches = switches;
-  if (!(wanted <= kMaxLevels) || DnTables::too_costly(chain, lowest, highest, static_cast<std::size_t>(wanted))) {
-    made->tabulated = false;
-  } else {
-    const auto levels = static_cast<std::size_t>(wanted);
-    const double step = levels > 1 ? (highest - lowest) / static_cast<double>(levels - 1) : 1.0;
-    std::vector<double> level_means(levels);
-    for (std::size_t i = 0; i < levels; ++i) level_means[i] = lowest + step * static_cast<double>(i);
-    made->tables = DnTables(chain, level_means);
-    const auto photo = prnu_.pixels();
-    const auto dark = dsnu_.pixels();
-    made->level.resize(photo.size());
-    for (std::size_t i = 0; i < photo.size(); ++i) {
-      const double index = (means(photo[i], dark[i]) - lowest) / step + 0.5;
-      if (index >= 0.0 && index < static_cast<double>(levels)) {
-        made->level[i] = static_cast<std::uint16_t>(index);
+  const double step = kMeanStepSigma * made->chain.noise_e(0.5 * (lowest + highest));
+  // Without shot and read noise there is nothing to draw.
+  if (effects.shot) made->laws = EvenLaws::make(made->chain, lowest, highest, step);
+  if (made->laws) {
+    const auto means = made->pixels.pixels();
+    const auto levels = static_cast<double>(made->laws->levels());
+    made->level.resize(means.size());
+    for (std::size_t i = 0; i < means.size(); ++i) {
+      const double level = made->laws->level(static_cast<double>(means[i].mean_e));
+      if (level >= 0.0 && level < levels) {
+        made->level[i] = static_cast<std::uint16_t>(level);
       } else {
         made->apart.push_back(static_cast<std::uint32_t>(i));
       }
     }
   }
+  if (!made->graded) made->graded = std::make_shared<std::optional<GradedLaws>>(GradedLaws::make(made->chain));
+
   const std::lock_guard lock(cache_->mutex);
-  cache_->last = made;
+  cache_->backgrounds.push_front(made);
+  if (cache_->backgrounds.size() > kKept) cache_->backgrounds.pop_back();
+  const bool known = std::any_of(cache_->graded.begin(), cache_->graded.end(),
+                                 [&](const auto& kept) { return kept.first == made->chain; });
+  if (!known) {
+    if (cache_->graded.size() >= kKept) cache_->graded.erase(cache_->graded.begin());
+    cache_->graded.emplace_back(made->chain, made->graded);
+  }
   return made;
 }
 
+void Renderer::electrons(std::span<const RenderedSource> sources, const Exposure& exposure, ImageF& out,
+                         const Effects& effects) const {
+  Effects even = effects;
+  even.photo_nonuniformity = even.dark_nonuniformity = even.hot_pixels = even.shot = false;
+  const std::shared_ptr<const Background> ground = background(exposure, even);
+  const int width = camera_.intrinsics.width_px;
+  const int height = camera_.intrinsics.height_px;
+  Sheet sheet;
+  sheet.prepare(width, height);
+  const Painter painter(camera_, effects);
+  for (const RenderedSource& source : sources) painter.add(source, sheet);
+  const double transfer = transfer_share(camera_, exposure, effects);
+  out = std::move(sheet.light);
+  for (int v = 0; v < height; ++v) {
+    for (int u = 0; u < width; ++u) {
+      out(u, v) +=
+          ground->pixels(u, v).mean_e + static_cast<float>(transfer * sheet.column_sums[static_cast<std::size_t>(u)]);
+    }
+  }
+}
+
+namespace {
+
+// Pixels under sources: those that tables can draw, and those too bright for them.
+struct Gathered {
+  std::vector<std::uint32_t> index;
+  std::vector<float> mean_e;
+  std::vector<std::uint16_t> dn;
+  std::vector<std::pair<std::uint32_t, double>> bright;
+
+  void clear() {
+    index.clear();
+    mean_e.clear();
+    bright.clear();
+  }
+};
+
+}  // namespace
+
 void Renderer::frame(std::span<const RenderedSource> sources, const Exposure& exposure, const StreamId& noise,
-                     ImageU16& out, const Effects& switches) const {
-  const double exposure_s = exposure.duration_s;
+                     ImageU16& out, const Effects& effects) const {
   const int width = camera_.intrinsics.width_px;
   const int height = camera_.intrinsics.height_px;
   if (out.width() != width || out.height() != height) out = ImageU16(width, height);
   const auto dn = out.pixels();
-  const auto photo = prnu_.pixels();
-  const auto dark = dsnu_.pixels();
-  const DnChain chain = chain_of(camera_.detector, switches);
-  const Means means = means_of(camera_.detector, exposure_s, switches);
+  const std::shared_ptr<const Background> ground = background(exposure, effects);
+  const DnChain& chain = ground->chain;
+  const GradedLaws* const graded = *ground->graded ? &**ground->graded : nullptr;
+  const double tabulated_up_to = graded != nullptr ? graded->max_mean_e() : -1.0;
+  RandomStream single = stream_of(noise, "single pixels");
+  RandomBlock many = block_of(noise, "source noise");
 
   // Everything without sources.
-  const std::shared_ptr<const Background> tables = background(exposure_s, switches);
-  const auto stream = [&](std::string_view purpose) {
-    return RandomStream({.seed = noise.seed, .sample = noise.sample, .image = noise.image, .purpose = purpose});
-  };
-  RandomStream sky_noise = stream("background noise");
-  if (tables->tabulated) {
-    tables->tables.draw(tables->level, sky_noise, dn.data());
-    for (const std::uint32_t p : tables->apart) dn[p] = chain.draw(means(photo[p], dark[p]), sky_noise);
+  if (ground->laws) {
+    RandomBlock sky_noise = block_of(noise, "background noise");
+    ground->laws->draw(ground->level, sky_noise, dn.data());
+    for (const std::uint32_t p : ground->apart) {
+      dn[p] = chain.draw(static_cast<double>(ground->pixels.pixels()[p].mean_e), single);
+    }
   } else {
-    for (std::size_t i = 0; i < dn.size(); ++i) dn[i] = chain.draw(means(photo[i], dark[i]), sky_noise);
+    const auto pixels = ground->pixels.pixels();
+    for (std::size_t i = 0; i < dn.size(); ++i) dn[i] = chain.draw(static_cast<double>(pixels[i].mean_e), single);
   }
 
-  // Light of the sources, gathered where they overlap. The sheet is all zero between frames.
-  thread_local ImageF sheet;
-  thread_local Scratch scratch;
-  thread_local std::vector<Window> windows;
-  if (sheet.width() != width || sheet.height() != height) sheet = ImageF(width, height);
-  windows.clear();
-  for (const RenderedSource& source : sources) {
-    const Windows touched = add_source(sheet, camera_, source.pixel, source.electrons, scratch);
-    if (!touched.core.empty()) windows.push_back(touched.core);
-    if (!touched.halo.empty()) windows.push_back(touched.halo);
+  // Light of the sources, gathered where they overlap. The sheet is dark between frames.
+  thread_local Sheet sheet;
+  thread_local Gathered gathered;
+  sheet.prepare(width, height);
+  gathered.clear();
+  const Painter painter(camera_, effects);
+  // Sources lie far apart in memory: the next ones are asked for while one is painted.
+  constexpr std::size_t kAhead = 4;
+  for (std::size_t i = 0; i < sources.size(); ++i) {
+    if (i + kAhead < sources.size()) prefetch(sheet, sources[i + kAhead].pixel);
+    painter.add(sources[i], sheet);
   }
-  RandomStream source_noise = stream("source noise");
-  for (const Window& window : windows) {
+  const double transfer = transfer_share(camera_, exposure, effects);
+  if (transfer > 0.0) {
+    const double least = kLeastSmear * chain.noise_e(0.0);
+    for (int u = 0; u < width; ++u) {
+      const double smear = transfer * sheet.column_sums[static_cast<std::size_t>(u)];
+      if (smear < least) continue;
+      for (int v = 0; v < height; ++v) sheet.light(u, v) += static_cast<float>(smear);
+      sheet.windows.push_back({u, u + 1, 0, height});
+    }
+  }
+  if (effects.cosmic_rays && camera_.detector.cosmic_rays_cm2_s > 0.0) {
+    RandomStream protons = stream_of(noise, "protons");
+    for (const ProtonPixel& hit : proton_hits(camera_, exposure.duration_s, protons)) {
+      Painter::add_light(hit.u, hit.v, hit.electrons, sheet);
+    }
+  }
+
+  // A pixel's light turns negative once it is gathered, and zero at the end.
+  for (std::size_t i = 0; i < sheet.windows.size(); ++i) {
+    if (i + kAhead < sheet.windows.size()) {
+      const Window& next = sheet.windows[i + kAhead];
+      for (int v = next.v_begin; v < next.v_end; ++v) {
+        __builtin_prefetch(sheet.light.row(v) + next.u_begin, 1);
+        __builtin_prefetch(ground->pixels.row(v) + next.u_begin);
+        __builtin_prefetch(ground->pixels.row(v) + next.u_end);
+      }
+    }
+    const Window& window = sheet.windows[i];
     for (int v = window.v_begin; v < window.v_end; ++v) {
-      float* light = sheet.row(v);
+      float* const light = sheet.light.row(v);
+      const Background::Pixel* const pixel = ground->pixels.row(v);
+      const auto row = static_cast<std::uint32_t>(v) * static_cast<std::uint32_t>(width);
       for (int u = window.u_begin; u < window.u_end; ++u) {
-        if (light[u] == 0.0f) continue;  // drawn already, with a window that overlaps this one
-        const double response = switches.photo_nonuniformity ? 1.0 + static_cast<double>(prnu_(u, v)) : 1.0;
-        const double mean = means(prnu_(u, v), dsnu_(u, v)) + static_cast<double>(light[u]) * response;
-        out(u, v) = chain.draw(mean, source_noise);
-        light[u] = 0.0f;
+        if (!(light[u] > 0.0f)) continue;
+        const float mean = pixel[u].mean_e + light[u] * pixel[u].response;
+        light[u] = -light[u];
+        if (static_cast<double>(mean) <= tabulated_up_to) {
+          gathered.index.push_back(row + static_cast<std::uint32_t>(u));
+          gathered.mean_e.push_back(mean);
+        } else {
+          gathered.bright.emplace_back(row + static_cast<std::uint32_t>(u), static_cast<double>(mean));
+        }
       }
     }
   }
+  if (graded != nullptr && !gathered.index.empty()) {
+    gathered.dn.resize(gathered.index.size());
+    graded->draw(gathered.mean_e, many, gathered.dn.data());
+    for (std::size_t i = 0; i < gathered.index.size(); ++i) dn[gathered.index[i]] = gathered.dn[i];
+  }
+
+  const bool blooming = effects.blooming && effects.full_well && camera_.detector.blooming;
+  const double nearly_full = chain.full_well_e - kNearlyFull * std::sqrt(chain.full_well_e);
+  std::map<int, Column> overflowing;
+  for (const auto& [index, mean] : gathered.bright) {
+    if (blooming && mean > nearly_full) {
+      const int u = static_cast<int>(index) % width;
+      overflowing.try_emplace(u, height, chain.full_well_e)
+          .first->second.set(static_cast<int>(index) / width, chain.collect(mean, single));
+    } else {
+      dn[index] = chain.draw(mean, single);
+    }
+  }
+  for (auto& [u, column] : overflowing) {
+    const int at = u;
+    column.overflow([&](int v) {
+      const Background::Pixel& pixel = ground->pixels(at, v);
+      return chain.collect(static_cast<double>(pixel.mean_e + std::abs(sheet.light(at, v)) * pixel.response), single);
+    });
+    for (int v = 0; v < height; ++v) {
+      if (column.known(v)) out(at, v) = chain.read(column.charge(v), single);
+    }
+  }
+  for (const Window& window : sheet.windows) {
+    for (int v = window.v_begin; v < window.v_end; ++v) {
+      std::fill(sheet.light.row(v) + window.u_begin, sheet.light.row(v) + window.u_end, 0.0f);
+    }
+  }
+}
+
+double time_tag_error_s(const Detector& detector, const StreamId& frame) {
+  const double jitter = detector.time_tag_jitter_ms > 0.0 ? stream_of(frame, "time tag").normal() : 0.0;
+  return 1e-3 * (detector.time_tag_latency_ms + detector.time_tag_jitter_ms * jitter);
 }
 
 }  // namespace astronav::render

@@ -16,15 +16,7 @@
 
 namespace astronav::render {
 
-struct RenderedSource {
-  sky::SkySource source;
-  Pixel pixel;             // exact projection through the truth's camera
-  double electrons = 0.0;  // expected photo-electrons in the exposure
-};
-
-// Sources of a sky that fall on the detector (or within `margin_px` of it), with their pixels, in the order of the sky.
-std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, const Camera& camera, const Mat3& R_CN,
-                                          double exposure_s, double margin_px = 20.0);
+struct DetectorPattern;
 
 // What is drawn; everything that the camera's file can describe, unless switched off.
 struct Effects {
@@ -63,19 +55,42 @@ struct Exposure {
   Vec3 sun_C_m = Vec3::Zero();
 };
 
-// The chain of one pixel (docs/theory/rendering.md): expected electrons of light (1 + PRNU) and dark (1 + DSNU),
-// Poisson, full well, Gaussian read noise, gain, bias, rounding, clipping.
+struct RenderedSource {
+  sky::SkySource source;
+  Pixel pixel;                     // exact projection through the truth's camera, in the middle of the exposure
+  double electrons = 0.0;          // expected photo-electrons in the exposure, vignetting included
+  Vec2 smear_px = Vec2::Zero();    // from where it is at the exposure's begin to where it is at its end,
+  Vec2 bend_px = Vec2::Zero();     // and how far the middle of these two lies from `pixel`
+  double radius_px = 0.0;          // of a body's disc
+  Vec2 sunward_px = Vec2::Zero();  // unit vector in the picture
+};
+
+// Sources of a sky that fall on the detector (or within `margin_px` of it) in the middle of the exposure, in the order
+// of the sky. With a rolling shutter every row has its own middle, and R_CN holds for the middle row.
+std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, const Camera& camera, const Mat3& R_CN,
+                                          const Exposure& exposure, double margin_px = 20.0,
+                                          const Effects& effects = {});
+// Of a camera that does not turn.
+std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, const Camera& camera, const Mat3& R_CN,
+                                          double exposure_s, double margin_px = 20.0);
+
+// How late the time tag of a frame is, in seconds: the latency, and the jitter of this frame.
+double time_tag_error_s(const Detector& detector, const StreamId& frame);
+
+// The chain of one pixel (docs/theory/rendering.md): expected electrons of light (1 + PRNU) and dark (1 + DSNU), hot
+// pixels, protons, Poisson, full well, blooming, Gaussian read noise, gain, bias, rounding, clipping.
 //
-// Pixels that a source touches (PSF window) are drawn one by one from exactly that law. All others are drawn from
-// tables of it: their expected values are rounded to steps of 0.004 of the pixel's noise (bias at most 0.002 sigma, and
-// fixed), the probabilities to 2^-32. Frames may be made by several threads with one Renderer.
+// All pixels are drawn from tables of exactly that law: where no source shines, expected values are rounded to steps of
+// 0.004 of the pixel's noise (a bias of at most 0.002 sigma, and fixed); under a source the expected value is kept and
+// the variance is too large by at most 1e-4. Probabilities are right to 2^-22 of a table's slot. What is too bright for
+// the tables is drawn by itself. Frames may be made by several threads with one Renderer; the same name gives the same
+// frame, whatever was made before and beside it.
 class Renderer {
  public:
   // The fixed-pattern maps (PRNU, DSNU) belong to one detector: they depend on `detector_seed` alone.
   Renderer(const Camera& camera, std::uint64_t detector_seed);
 
-  // Expected electrons, no noise, no fixed pattern: PSF integrated over pixels, background and dark included. A source
-  // is drawn as far as it brings 0.1 electrons a pixel, and at least 4 sigma wide.
+  // Expected electrons, no noise, no fixed pattern, no full well: sources, diffuse light, dark current, smear.
   void electrons(std::span<const RenderedSource> sources, const Exposure& exposure, ImageF& out,
                  const Effects& effects = {}) const;
   // One frame in DN. The noise depends on `noise` (seed, sample, image) alone.
@@ -85,14 +100,13 @@ class Renderer {
   const Camera& camera() const { return camera_; }
 
  private:
-  struct Background;  // the tables for one exposure
-  struct BackgroundCache;
-  std::shared_ptr<const Background> background(double exposure_s, const Effects& effects) const;
+  struct Background;  // what one exposure shows without sources
+  struct Cache;
+  std::shared_ptr<const Background> background(const Exposure& exposure, const Effects& effects) const;
 
   Camera camera_;
-  Image<float> prnu_;  // relative deviation of each pixel
-  Image<float> dsnu_;
-  std::shared_ptr<BackgroundCache> cache_;
+  std::shared_ptr<const DetectorPattern> pattern_;
+  std::shared_ptr<Cache> cache_;
 };
 
 }  // namespace astronav::render
