@@ -38,6 +38,8 @@ MAY_INCLUDE = {
     "simulator/dynamics": FOUNDATION + MODELS,
     "simulator/trajectory": FOUNDATION + MODELS + ["simulator/dynamics"],
     "simulator/transfer": FOUNDATION + MODELS + ["simulator/dynamics", "simulator/trajectory"],
+    # Someone else's flight software can use the server alone.
+    "simulator/server": FOUNDATION + MODELS + ["simulator/sky", "simulator/render"],
     # A measurement is a plain struct: navigation knows nothing of images.
     "onboard/navigation": [f for f in FOUNDATION_FLIGHT if f != F + "image"] + MODELS_FLIGHT,
     "onboard/vision": FOUNDATION_FLIGHT + MODELS_FLIGHT,
@@ -48,7 +50,7 @@ MAY_INCLUDE = {
     "verification/opensky": FOUNDATION + MODELS + SIMULATOR + ONBOARD,
     "verification/report": FOUNDATION + MODELS + SIMULATOR + ONBOARD
     + ["verification/scenario", "verification/loop", "verification/campaign"],
-    "cli": FOUNDATION + MODELS + SIMULATOR + ONBOARD + VERIFICATION,
+    "cli": FOUNDATION + MODELS + SIMULATOR + ["simulator/server"] + ONBOARD + VERIFICATION,
 }
 
 # Third-party header -> the folders that may see it. Tests (*_test.cpp, *_for_tests.h) may include more.
@@ -60,6 +62,7 @@ PRIVATE_HEADERS = [
     (r"^boost/numeric/odeint", ["simulator/dynamics"]),
     (r"^asio", ["simulator/server"]),
     (r"^SDL", ["simulator/devices"]),
+    (r"^(ceres|glog)/", ["verification/opensky"]),
     (r"^CLI/", ["cli"]),
     (r"^(fstream|filesystem|iostream|thread|exception|sys/.*|unistd\.h)$",
      [F + "base", F + "files", F + "raster", M + "camera_file", "simulator", "verification", "cli"]),

@@ -14,6 +14,7 @@ namespace astronav::cli {
 namespace {
 
 constexpr std::size_t kMaxEpochs = 1'000'000;
+constexpr std::string_view kGround = "ground:";
 constexpr double kMaxDistanceKm = 1e12;  // 6700 au
 
 std::string_view trimmed(std::string_view s) {
@@ -39,18 +40,7 @@ Result<Observer> fixed_observer(std::string_view text) {
   return [state](Epoch) -> Result<State> { return state; };
 }
 
-Result<Observer> ground_observer(std::string_view text, std::shared_ptr<const Kernels> kernels) {
-  const auto n = parse_numbers(text, 3, 3, "ground:LAT,LON,HEIGHT_M in degrees and metres");
-  if (!n) return forward(n, "--observer");
-  if (std::abs((*n)[0]) > 90.0)
-    return fail(ErrorCode::out_of_range, "the latitude {0} is not in -90 to 90 degrees", {(*n)[0], 0, 0, 0},
-                "--observer");
-  if (std::abs((*n)[1]) > 360.0)
-    return fail(ErrorCode::out_of_range, "the longitude {0} is not in -360 to 360 degrees", {(*n)[1], 0, 0, 0},
-                "--observer");
-  if (std::abs((*n)[2]) > 1e6)
-    return fail(ErrorCode::out_of_range, "the height {0} m is not in -1e6 to 1e6", {(*n)[2], 0, 0, 0}, "--observer");
-  const GroundSite site{(*n)[0] * kDegree, (*n)[1] * kDegree, (*n)[2]};
+Result<Observer> ground_observer(const GroundSite& site, std::shared_ptr<const Kernels> kernels) {
   return [site, kernels = std::move(kernels)](Epoch epoch) -> Result<State> {
     auto state = kernels->ephemeris.state(body::earth, body::solar_system_barycenter, epoch);
     if (!state) return forward(state);
@@ -129,11 +119,29 @@ Result<OpenCatalogue> open_catalogue(const std::string& path) {
   return OpenCatalogue{std::move(*file), *stars};
 }
 
+Result<std::optional<GroundSite>> parse_ground_site(std::string_view text) {
+  text = trimmed(text);
+  if (!text.starts_with(kGround)) return std::optional<GroundSite>();
+  const auto n = parse_numbers(text.substr(kGround.size()), 3, 3, "ground:LAT,LON,HEIGHT_M in degrees and metres");
+  if (!n) return forward(n, "--observer");
+  if (std::abs((*n)[0]) > 90.0)
+    return fail(ErrorCode::out_of_range, "the latitude {0} is not in -90 to 90 degrees", {(*n)[0], 0, 0, 0},
+                "--observer");
+  if (std::abs((*n)[1]) > 360.0)
+    return fail(ErrorCode::out_of_range, "the longitude {0} is not in -360 to 360 degrees", {(*n)[1], 0, 0, 0},
+                "--observer");
+  if (std::abs((*n)[2]) > 1e6)
+    return fail(ErrorCode::out_of_range, "the height {0} m is not in -1e6 to 1e6", {(*n)[2], 0, 0, 0}, "--observer");
+  return GroundSite{(*n)[0] * kDegree, (*n)[1] * kDegree, (*n)[2]};
+}
+
 Result<Observer> parse_observer(std::string_view text, std::shared_ptr<const Kernels> kernels) {
   text = trimmed(text);
   const auto rest_after = [&](std::string_view prefix) { return text.substr(prefix.size()); };
   if (text.starts_with("ssb:")) return fixed_observer(rest_after("ssb:"));
-  if (text.starts_with("ground:")) return ground_observer(rest_after("ground:"), std::move(kernels));
+  const auto site = parse_ground_site(text);
+  if (!site) return forward(site);
+  if (*site) return ground_observer(**site, std::move(kernels));
   if (text.starts_with("spk:")) return spk_observer(rest_after("spk:"), *kernels);
   if (text.starts_with("oem:")) return oem_observer(rest_after("oem:"), std::move(kernels));
   const auto id = parse_body(text);

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,6 +15,7 @@
 #include "foundation/math/rotation.h"
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/ephemeris/ground.h"
 #include "models/stars/catalogue.h"
 
 namespace astronav::cli {
@@ -40,6 +42,9 @@ using Observer = std::function<Result<State>(Epoch)>;
 // `ssb:X,Y,Z[,VX,VY,VZ]` (km, km/s; at rest without velocity), `ground:LAT,LON,HEIGHT_M` (degrees, east positive),
 // `spk:ID@FILE`, `oem:FILE`, or the name or NAIF number of a body. Files are opened here; the observer keeps them.
 Result<Observer> parse_observer(std::string_view text, std::shared_ptr<const Kernels> kernels);
+
+// The place where the text is `ground:LAT,LON,HEIGHT_M`, nothing where it is another kind of observer.
+Result<std::optional<GroundSite>> parse_ground_site(std::string_view text);
 
 // `RA,DEC,ROLL` in degrees.
 Result<Pointing> parse_pointing(std::string_view text);

@@ -1,0 +1,376 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "verification/opensky/calibrate.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "foundation/math/statistics.h"
+#include "verification/opensky/calibrate_fisheye.h"
+#include "verification/opensky/calibrate_stars.h"
+#include "verification/opensky/spots.h"
+
+namespace astronav::opensky {
+namespace {
+
+constexpr double kZenithRadius = 30.0 * kDegree;
+constexpr FieldRange kAllSky{140.0 * kDegree, 230.0 * kDegree};  // across the shorter side
+constexpr double kPlanetMag = 6.5;                               // brighter ones are kept out of the stars
+constexpr double kPlanetRadiusPx = 10.0;
+constexpr std::size_t kMaxSpots = 1500;
+
+// In order of their number of parameters.
+constexpr std::array<LensFreedom, 10> kModels{{{},
+                                               {.radial = 1},
+                                               {.radial = 2},
+                                               {.centre = true, .radial = 1},
+                                               {.radial = 1, .tangential = true},
+                                               {.centre = true, .radial = 2},
+                                               {.centre = true, .radial = 1, .tangential = true},
+                                               {.centre = true, .radial = 2, .tangential = true},
+                                               {.centre = true, .radial = 3, .tangential = true},
+                                               {.centre = true, .radial = 3, .tangential = true, .aspect = true}}};
+
+struct View {
+  std::size_t frame = 0;  // of the request
+  Epoch epoch;
+  std::optional<State> observer;
+  std::vector<vision::Centroid> spots;  // as a camera that is not mirrored sees them
+  double background_dn = 0.0, noise_dn = 0.0;
+  std::vector<SkyStar> sky;
+  std::vector<SkyPlanet> planets;
+  Mat3 R_CN = Mat3::Identity();
+};
+
+// Which star and spot an observation is.
+struct Tag {
+  std::size_t view, star, spot;
+};
+struct Sightings {
+  std::vector<StarObservation> observations;
+  std::vector<Tag> tags;
+};
+
+class Calibrator {
+ public:
+  Calibrator(const StarCatalogue& catalogue, std::span<const CalibrationFrame> frames,
+             const CalibrationRequest& request)
+      : catalogue_(catalogue), frames_(frames), request_(request) {}
+
+  Result<Calibration> run() {
+    if (const auto checked = check(); !checked) return forward(checked);
+    const auto recognised = request_.model == ProjectionModel::fisheye ? recognise_all_sky() : recognise();
+    if (!recognised) return forward(recognised);
+    Result<Sightings> sightings = gather();
+    if (!sightings) return forward(sightings);
+    const Result<Adjustment> best = choose_model(*sightings);
+    if (!best) return forward(best);
+    report(*sightings, *best);
+    return std::move(out_);
+  }
+
+ private:
+  Result<void> check() {
+    if (frames_.empty()) return fail(ErrorCode::invalid_argument, "no pictures to calibrate from");
+    width_ = frames_[0].picture->pixels.width();
+    height_ = frames_[0].picture->pixels.height();
+    for (const CalibrationFrame& frame : frames_) {
+      if (frame.picture->pixels.width() != width_ || frame.picture->pixels.height() != height_) {
+        return fail(
+            ErrorCode::invalid_argument, "one camera has one size of picture: {0} x {1} here, {2} x {3} before",
+            {static_cast<double>(frame.picture->pixels.width()), static_cast<double>(frame.picture->pixels.height()),
+             static_cast<double>(width_), static_cast<double>(height_)});
+      }
+    }
+    out_.frames.resize(frames_.size());
+    return {};
+  }
+
+  View view_of(std::size_t k, double max_v_mag) const {
+    const CalibrationFrame& frame = frames_[k];
+    View view;
+    view.frame = k;
+    view.epoch = frame.epoch.value_or(Epoch::tdb_seconds(25.0 * 365.25 * 86400.0));
+    view.observer = frame.observer;
+    SpotSettings settings;
+    settings.max_spots = kMaxSpots;
+    if (request_.model == ProjectionModel::fisheye) {
+      // Stars a pixel or two wide on a sky with the Milky Way, aurora and a bright rim.
+      settings.tile_px = 12;
+      settings.smoothing_sigma_px = 0.7;
+      settings.threshold_sigma = 4.0;
+    }
+    Spots found = find_spots(*frame.picture, settings);
+    view.spots = std::move(found.spots);
+    view.background_dn = found.background_dn;
+    view.noise_dn = found.noise_dn;
+    view.sky = apparent_stars(catalogue_, max_v_mag, view.epoch, view.observer);
+    if (request_.ephemeris && frame.epoch && frame.observer)
+      view.planets = apparent_planets(*request_.ephemeris, view.epoch, *frame.observer);
+    return view;
+  }
+
+  void turn_round(std::vector<vision::Centroid>& spots) const {
+    for (vision::Centroid& spot : spots) spot.pixel.u = width_ - 1 - spot.pixel.u;
+  }
+
+  // Pictures of which nothing is known, by the solver; the second knows the field of the first.
+  Result<void> recognise() {
+    Solver solver(catalogue_);
+    Result<void> last;
+    std::vector<double> focal;
+    std::vector<View> views;
+    for (std::size_t k = 0; k < frames_.size(); ++k) {
+      SolveRequest ask{.field = request_.field,
+                       .camera = {},
+                       .epoch = frames_[k].epoch,
+                       .observer = frames_[k].observer,
+                       .near = request_.near,
+                       .ephemeris = nullptr};
+      if (!focal.empty()) {
+        const double fov = 2.0 * std::atan(0.5 * width_ / median(focal));
+        ask.field = FieldRange{0.97 * fov, 1.03 * fov};
+      }
+      const auto solution = solver.solve(*frames_[k].picture, ask);
+      if (!solution) {
+        out_.frames[k].error = solution.error();
+        last = forward(solution);
+        continue;
+      }
+      if (views_.empty()) {
+        out_.mirrored = solution->mirrored;
+      } else if (solution->mirrored != out_.mirrored) {
+        out_.frames[k].error = Error{.code = ErrorCode::invalid_argument,
+                                     .text = "this picture is mirrored, the first is not, or the other way round"};
+        continue;
+      }
+      View view = view_of(k, request_.max_v_mag);
+      if (out_.mirrored) turn_round(view.spots);
+      view.R_CN = solution->attitude.R_CN;
+      views_.push_back(std::move(view));
+      focal.push_back(solution->attitude.intrinsics.fx_px);
+      if (views_.size() == 1 || solution->stars.size() > most_stars_) {
+        most_stars_ = solution->stars.size();
+        camera_ = solution->attitude.intrinsics;
+      }
+    }
+    if (views_.empty()) return last;
+    return {};
+  }
+
+  Result<void> recognise_all_sky() {
+    const double shorter = std::min(width_, height_);
+    double focal_min = shorter / kAllSky.max_rad, focal_max = shorter / kAllSky.min_rad;
+    if (request_.field) {
+      focal_min = width_ / request_.field->max_rad;
+      focal_max = width_ / request_.field->min_rad;
+    }
+    Result<void> last;
+    for (std::size_t k = 0; k < frames_.size(); ++k) {
+      std::optional<Near> near = request_.near;
+      if (!near && frames_[k].zenith_N) near = Near{*frames_[k].zenith_N, kZenithRadius};
+      View view = view_of(k, std::min(request_.max_v_mag, 7.0));
+      const auto look = find_fisheye(view.spots, view.sky, width_, height_, focal_min, focal_max, near);
+      if (!look || (!views_.empty() && look->mirrored != out_.mirrored)) {
+        out_.frames[k].error = look
+                                   ? Error{.code = ErrorCode::invalid_argument,
+                                           .text = "this picture is mirrored, the first is not, or the other way round"}
+                                   : look.error();
+        last = tl::make_unexpected(*out_.frames[k].error);
+        continue;
+      }
+      out_.mirrored = look->mirrored;
+      if (out_.mirrored) turn_round(view.spots);
+      view.R_CN = look->R_CN;
+      if (views_.empty()) camera_ = look->camera;
+      views_.push_back(std::move(view));
+      focal_min = 0.97 * camera_.fx_px;
+      focal_max = 1.03 * camera_.fx_px;
+    }
+    if (views_.empty()) return last;
+    return {};
+  }
+
+  Sightings sight(double radius_px) const {
+    Sightings out;
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      const View& view = views_[v];
+      std::vector<char> closed(view.spots.size(), 0);
+      for (const SkyPlanet& planet : view.planets) {
+        const auto pixel = project(camera_, view.R_CN * planet.direction_N);
+        if (!pixel || planet.v_mag > kPlanetMag) continue;
+        for (std::size_t s = 0; s < view.spots.size(); ++s) {
+          if ((view.spots[s].pixel.vec() - pixel->vec()).norm() < kPlanetRadiusPx) closed[s] = 1;
+        }
+      }
+      MatchSettings settings{.radius_px = radius_px, .blend_px = std::max(3.0, radius_px)};
+      for (const StarMatch& m : match_stars(view.sky, view.spots, closed, camera_, view.R_CN, settings)) {
+        const vision::Centroid& spot = view.spots[m.spot];
+        out.observations.push_back(
+            {static_cast<int>(v), spot.pixel, spot.covariance_px2, view.sky[m.star].direction_N});
+        out.tags.push_back({v, m.star, m.spot});
+      }
+    }
+    return out;
+  }
+
+  std::vector<Mat3> attitudes() const {
+    std::vector<Mat3> R_CN;
+    for (const View& view : views_) R_CN.push_back(view.R_CN);
+    return R_CN;
+  }
+  void take(const Adjustment& a) {
+    camera_ = a.camera;
+    for (std::size_t v = 0; v < views_.size(); ++v) views_[v].R_CN = a.R_CN[v];
+  }
+
+  // The richest model that the stars determine.
+  Result<Adjustment> adjust_freely(const Sightings& s, int most_parameters) const {
+    Result<Adjustment> fitted =
+        fail(ErrorCode::not_converged, "{0} stars are too few", {static_cast<double>(s.observations.size())});
+    for (auto model = kModels.rbegin(); model != kModels.rend(); ++model) {
+      const int stars_for = 2 * (model->count() + 3 * static_cast<int>(views_.size()));
+      if (model->aspect || model->count() > most_parameters || static_cast<int>(s.observations.size()) < stars_for)
+        continue;
+      fitted = adjust(s.observations, attitudes(), camera_, *model);
+      if (fitted) return fitted;
+    }
+    return fitted;
+  }
+
+  // Stars and camera in turns, with narrowing nets and richer models; the stars that end up within the gate.
+  Result<Sightings> gather() {
+    Sightings s;
+    double radius = request_.model == ProjectionModel::fisheye ? 4.0 : std::max(3.0, 0.004 * width_);
+    for (const int most_parameters : {2, 4, 6, 7, 7, 7}) {
+      s = sight(radius);
+      const auto fitted = adjust_freely(s, most_parameters);
+      if (!fitted) return forward(fitted);
+      take(*fitted);
+      radius = std::clamp(3.5 * fitted->rms_px, 1.0, radius);
+      Sightings kept;
+      for (std::size_t i = 0; i < s.tags.size(); ++i) {
+        if (!fitted->used[i]) continue;
+        kept.observations.push_back(s.observations[i]);
+        kept.tags.push_back(s.tags[i]);
+      }
+      s = std::move(kept);
+    }
+    return s;
+  }
+
+  Result<Adjustment> choose_model(const Sightings& s) {
+    // One measure for all: the scatter that the richest model leaves.
+    const auto rich = adjust_freely(s, 99);
+    if (!rich) return forward(rich);
+    for (const LensFreedom& model : kModels) {
+      auto tried =
+          cross_validate(s.observations, attitudes(), start_of(model), model, rich->extra_sigma_px, request_.folds);
+      if (tried) out_.models.push_back(std::move(*tried));
+    }
+    if (out_.models.empty()) {
+      return fail(ErrorCode::not_converged, "{0} stars do not determine a focal length",
+                  {static_cast<double>(s.observations.size())});
+    }
+    const auto best = std::min_element(out_.models.begin(), out_.models.end(),
+                                       [](const auto& a, const auto& b) { return a.mean_surprise < b.mean_surprise; });
+    const auto as_good = std::find_if(out_.models.begin(), out_.models.end(), [&](const CrossValidation& m) {
+      std::vector<double> more;
+      for (std::size_t i = 0; i < m.surprise.size(); ++i) more.push_back(m.surprise[i] - best->surprise[i]);
+      return &m == &*best || mean(more) <= standard_deviation(more) / std::sqrt(static_cast<double>(more.size()));
+    });
+    out_.freedom = as_good->freedom;
+    out_.held_out_rms_px = as_good->held_out_rms_px;
+    return adjust(s.observations, attitudes(), start_of(as_good->freedom), as_good->freedom, {.gate_sigma = 1e3});
+  }
+
+  // What is held stays at what is usual: the centre in the middle, no distortion, square pixels.
+  Intrinsics start_of(const LensFreedom& model) const {
+    Intrinsics start = camera_;
+    if (!model.aspect) start.fy_px = start.fx_px;
+    if (!model.centre) {
+      start.cx_px = 0.5 * (width_ - 1);
+      start.cy_px = 0.5 * (height_ - 1);
+    }
+    Distortion& d = start.distortion;
+    if (model.radial < 1) d.k1 = 0.0;
+    if (model.radial < 2) d.k2 = 0.0;
+    if (model.radial < 3) d.k3 = 0.0;
+    if (!model.tangential) d.p1 = d.p2 = 0.0;
+    return start;
+  }
+
+  Pixel as_in_picture(Pixel p) const {
+    if (out_.mirrored) p.u = width_ - 1 - p.u;
+    return p;
+  }
+
+  void report(const Sightings& s, const Adjustment& best) {
+    take(best);
+    out_.camera = best.camera;
+    out_.covariance = best.covariance;
+    out_.extra_sigma_px = best.extra_sigma_px;
+    out_.rms_px = best.rms_px;
+    out_.stars = s.tags.size();
+    std::vector<double> backgrounds, noises, widths;
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      const View& view = views_[v];
+      CalibratedFrame& frame = out_.frames[view.frame];
+      frame.R_CN = view.R_CN;
+      frame.covariance_rad2 = best.attitude_covariance_rad2[v];
+      frame.spots = view.spots.size();
+      frame.aberration_corrected = view.observer.has_value();
+      backgrounds.push_back(view.background_dn);
+      noises.push_back(view.noise_dn);
+      for (const SkyPlanet& planet : view.planets) foretell(view, planet, frame);
+    }
+    for (std::size_t i = 0; i < s.tags.size(); ++i) {
+      const Tag& tag = s.tags[i];
+      const View& view = views_[tag.view];
+      CalibratedFrame& frame = out_.frames[view.frame];
+      const vision::Centroid& spot = view.spots[tag.spot];
+      Vec2 residual = best.residuals_px[i];
+      frame.rms_px += residual.squaredNorm();
+      if (out_.mirrored) residual.x() = -residual.x();
+      frame.stars.push_back({view.sky[tag.star].id, view.sky[tag.star].v_mag, as_in_picture(spot.pixel), residual});
+      // A Gaussian's peak over its light.
+      if (!spot.saturated && spot.snr > 30.0) widths.push_back(std::sqrt(spot.flux_dn / (2.0 * kPi * spot.peak_dn)));
+    }
+    for (CalibratedFrame& frame : out_.frames)
+      frame.rms_px = std::sqrt(frame.rms_px / static_cast<double>(std::max<std::size_t>(1, frame.stars.size())));
+    out_.background_dn = median(backgrounds);
+    out_.noise_dn = median(noises);
+    if (!widths.empty()) out_.psf_sigma_px = std::clamp(median(widths), 0.4, 10.0);
+  }
+
+  void foretell(const View& view, const SkyPlanet& planet, CalibratedFrame& frame) const {
+    const auto pixel = project(camera_, view.R_CN * planet.direction_N);
+    if (!pixel || pixel->u < -0.5 || pixel->v < -0.5 || pixel->u > width_ - 0.5 || pixel->v > height_ - 0.5) return;
+    const vision::Centroid* brightest = nullptr;
+    for (const vision::Centroid& spot : view.spots) {
+      if ((spot.pixel.vec() - pixel->vec()).norm() > kPlanetRadiusPx) continue;
+      if (brightest == nullptr || spot.flux_dn > brightest->flux_dn) brightest = &spot;
+    }
+    ForetoldPlanet told{planet.body, as_in_picture(*pixel), planet.v_mag, {}};
+    if (brightest != nullptr) told.measured = as_in_picture(brightest->pixel);
+    frame.planets.push_back(told);
+  }
+
+  const StarCatalogue& catalogue_;
+  std::span<const CalibrationFrame> frames_;
+  const CalibrationRequest& request_;
+  int width_ = 0, height_ = 0;
+  std::vector<View> views_;  // of the pictures that were recognised
+  std::size_t most_stars_ = 0;
+  Intrinsics camera_;
+  Calibration out_;
+};
+
+}  // namespace
+
+Result<Calibration> calibrate_camera(const StarCatalogue& catalogue, std::span<const CalibrationFrame> frames,
+                                     const CalibrationRequest& request) {
+  return Calibrator(catalogue, frames, request).run();
+}
+
+}  // namespace astronav::opensky
