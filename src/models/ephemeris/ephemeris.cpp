@@ -2,201 +2,25 @@
 #include "models/ephemeris/ephemeris.h"
 
 #include <algorithm>
-#include <bit>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <limits>
 #include <numeric>
+
+#include "models/ephemeris/daf.h"
+#include "models/ephemeris/spk_segment.h"
 
 namespace astronav {
 namespace {
 
-// ---- DAF: records of 1024 bytes, words of 8 bytes counted from 1 ----
-
-constexpr std::size_t kRecordBytes = 1024;
-constexpr std::size_t kWordBytes = 8;
-constexpr int kSummaryBytes = 40;  // SPK: ND = 2 doubles, NI = 6 integers
-constexpr int kMaxSummaries = 25;  // (1024 - 24) / 40
 constexpr int kFrameJ2000 = 1;
+constexpr int kFrameEcliptic = 17;     // ecliptic and equinox of J2000, obliquity of IAU 1976
 constexpr double kEpochLimit = 9.2e9;  // s; an Epoch holds a little more
-// Where a transfer in text mode has changed line ends or dropped bits, these bytes show it.
-constexpr std::string_view kTransferCheck("FTPSTR:\r:\n:\r\n:\r\0:\x81:\x10\xce:ENDFTP", 28);
-constexpr std::size_t kTransferCheckAt = 699;
 
-template <bool Swap>
-double load_double(const std::byte* at) {
-  std::uint64_t bits;
-  std::memcpy(&bits, at, sizeof bits);
-  if constexpr (Swap) bits = __builtin_bswap64(bits);
-  return std::bit_cast<double>(bits);
-}
-
-double load_double(const std::byte* at, bool swap) {
-  return swap ? load_double<true>(at) : load_double<false>(at);
-}
-
-std::int32_t load_int(const std::byte* at, bool swap) {
-  std::uint32_t bits;
-  std::memcpy(&bits, at, sizeof bits);
-  return static_cast<std::int32_t>(swap ? __builtin_bswap32(bits) : bits);
-}
-
-std::string_view text_at(std::span<const std::byte> bytes, std::size_t at, std::size_t count) {
-  return {reinterpret_cast<const char*>(bytes.data()) + at, count};
-}
-
-tl::unexpected<Error> corrupt(const char* text, std::size_t byte, double number = 0.0, double number2 = 0.0) {
-  return fail(ErrorCode::corrupt_data, text, {static_cast<double>(byte), number, number2, 0.0});
-}
-
-// A whole number held in a double, as DAF and SPK hold counts.
-bool is_count(double value, double min, double max) {
-  return value >= min && value <= max && value == std::floor(value);
-}
-
-Result<bool> byte_order(std::span<const std::byte> file) {
-  constexpr bool kLittle = std::endian::native == std::endian::little;
-  if (file.size() < kRecordBytes)
-    return fail(ErrorCode::corrupt_data, "is not an SPK kernel: it has {0} bytes, but its first record alone has 1024",
-                {static_cast<double>(file.size()), 0, 0, 0});
-  const std::string_view id = text_at(file, 0, 8);
-  if (id != "DAF/SPK " && id != "NAIF/DAF") {
-    if (id.starts_with("DAF/"))
-      return fail(ErrorCode::unsupported, "is a DAF file, but not an SPK kernel ('{s}')", {}, {}, id);
-    return fail(ErrorCode::corrupt_data, "is not an SPK kernel: byte 0 does not begin with 'DAF/SPK '");
-  }
-  const std::string_view format = text_at(file, 88, 8);
-  bool swap = false;
-  if (format == "LTL-IEEE") {
-    swap = !kLittle;
-  } else if (format == "BIG-IEEE") {
-    swap = kLittle;
-  } else if (id == "NAIF/DAF") {  // files of before 1994 do not name their byte order
-    swap = load_int(file.data() + 8, false) != 2;
-  } else {
-    return fail(ErrorCode::unsupported, "byte 88: the number format is neither LTL-IEEE nor BIG-IEEE");
-  }
-  if (load_int(file.data() + 8, swap) != 2 || load_int(file.data() + 12, swap) != 6)
-    return corrupt("byte {0}: an SPK kernel has ND = 2 and NI = 6, not {1} and {2}", 8, load_int(file.data() + 8, swap),
-                   load_int(file.data() + 12, swap));
-  const std::string_view check = text_at(file, kTransferCheckAt, kTransferCheck.size());
-  if (check.starts_with("FTPSTR") && check != kTransferCheck)
-    return corrupt("byte {0}: the file was damaged by a transfer in text mode", kTransferCheckAt);
-  return swap;
-}
-
-// Types 2 and 3: MID, RADIUS and the coefficients of each record; INIT, INTLEN, RSIZE and N at the end.
-Result<void> read_directory(std::span<const std::byte> file, Ephemeris::Segment& segment) {
-  const std::size_t words = (segment.last_byte + 1 - segment.first_byte) / kWordBytes;
-  const std::size_t at = segment.last_byte + 1 - 4 * kWordBytes;
-  if (words < 4)
-    return corrupt("byte {0}: a segment of {1} words has no room for its directory", segment.first_byte,
-                   static_cast<double>(words));
-  const std::byte* const directory = file.data() + at;
-  segment.init_s = load_double(directory, segment.swap_bytes);
-  segment.interval_s = load_double(directory + 8, segment.swap_bytes);
-  const double record = load_double(directory + 16, segment.swap_bytes);
-  const double count = load_double(directory + 24, segment.swap_bytes);
-  const double most = static_cast<double>(words);
-  const int series = segment.type == 2 ? 3 : 6;
-  if (!std::isfinite(segment.init_s)) return corrupt("byte {0}: the first epoch of the records is not a number", at);
-  if (!(segment.interval_s > 0.0) || !std::isfinite(segment.interval_s))
-    return corrupt("byte {0}: the interval of a record is {1} s", at + 8, segment.interval_s);
-  if (!is_count(record, 2 + series, most) || static_cast<std::int64_t>(record - 2) % series != 0)
-    return corrupt("byte {0}: a record cannot have {1} words", at + 16, record);
-  if (!is_count(count, 1, most) || record * count + 4 != most)
-    return corrupt("byte {0}: {1} records do not fill a segment of {2} words", at + 24, count, most);
-  segment.record_doubles = static_cast<int>(record);
-  segment.record_count = static_cast<int>(count);
-  const double slack = 1e-3 * segment.interval_s;
-  const double end = segment.init_s + segment.interval_s * count;
-  if (segment.begin_tdb_s < segment.init_s - slack || segment.end_tdb_s > end + slack)
-    return corrupt("byte {0}: the records end before the time that the segment promises", at);
-  return {};
-}
-
-Result<void> read_segments(std::span<const std::byte> file, int kernel, std::vector<Ephemeris::Segment>& segments) {
-  const auto swapped = byte_order(file);
-  if (!swapped) return forward(swapped);
-  const bool swap = *swapped;
-  const auto whole_records = static_cast<double>(file.size() / kRecordBytes);
-  const std::size_t words = file.size() / kWordBytes;
-
-  double record = load_int(file.data() + 76, swap);
-  std::size_t named_at = 76;
-  for (double visited = 0; record != 0.0; ++visited) {
-    if (!is_count(record, 2, whole_records))
-      return corrupt("byte {0}: points to a summary record {1}, but the file has {2} whole records", named_at, record,
-                     whole_records);
-    if (visited >= whole_records) return corrupt("byte {0}: the summary records form a circle", named_at);
-    const std::size_t start = (static_cast<std::size_t>(record) - 1) * kRecordBytes;
-    const double count = load_double(file.data() + start + 16, swap);
-    if (!is_count(count, 0, kMaxSummaries))
-      return corrupt("byte {0}: a record cannot hold {1} summaries", start + 16, count);
-
-    for (int i = 0; i < static_cast<int>(count); ++i) {
-      const std::size_t at = start + 24 + static_cast<std::size_t>(i * kSummaryBytes);
-      const std::byte* const summary = file.data() + at;
-      Ephemeris::Segment segment;
-      segment.begin_tdb_s = load_double(summary, swap);
-      segment.end_tdb_s = load_double(summary + 8, swap);
-      segment.target.value = load_int(summary + 16, swap);
-      segment.center.value = load_int(summary + 20, swap);
-      segment.frame = load_int(summary + 24, swap);
-      segment.type = load_int(summary + 28, swap);
-      const std::int64_t first_word = load_int(summary + 32, swap);
-      const std::int64_t last_word = load_int(summary + 36, swap);
-      segment.kernel = kernel;
-      segment.swap_bytes = swap;
-      if (!std::isfinite(segment.begin_tdb_s) || !std::isfinite(segment.end_tdb_s) ||
-          segment.begin_tdb_s > segment.end_tdb_s)
-        return corrupt("byte {0}: a segment cannot last from {1} s to {2} s", at, segment.begin_tdb_s,
-                       segment.end_tdb_s);
-      if (segment.target == segment.center)
-        return corrupt("byte {0}: body {1} cannot be its own centre", at + 16, segment.target.value);
-      if (first_word <= static_cast<std::int64_t>(kRecordBytes / kWordBytes) || last_word < first_word ||
-          static_cast<std::uint64_t>(last_word) > words)
-        return corrupt("byte {0}: the segment's words {1} to {2} are not inside the file", at + 32,
-                       static_cast<double>(first_word), static_cast<double>(last_word));
-      segment.first_byte = static_cast<std::size_t>(first_word - 1) * kWordBytes;
-      segment.last_byte = static_cast<std::size_t>(last_word) * kWordBytes - 1;
-      if (segment.type == 2 || segment.type == 3) {
-        const auto directory = read_directory(file, segment);
-        if (!directory) return forward(directory);
-      }
-      segments.push_back(segment);
-    }
-    named_at = start;
-    record = load_double(file.data() + start, swap);
-  }
-  return {};
-}
-
-// ---- Chebyshev records ----
-
-// Three series and their derivatives by their argument at s in [-1, 1] (Clenshaw's recurrence), added to the sums.
-template <bool Swap>
-void chebyshev(const std::byte* coefficients, int count, double s, double value[3], double slope[3]) {
-  const std::size_t stride = static_cast<std::size_t>(count) * kWordBytes;
-  double b1[3] = {}, b2[3] = {}, d1[3] = {}, d2[3] = {};
-  const double s2 = 2.0 * s;
-  for (int k = count - 1; k > 0; --k) {
-    const std::byte* const at = coefficients + static_cast<std::size_t>(k) * kWordBytes;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double d0 = 2.0 * b1[axis] + s2 * d1[axis] - d2[axis];
-      const double b0 = load_double<Swap>(at + axis * stride) + s2 * b1[axis] - b2[axis];
-      d2[axis] = d1[axis];
-      d1[axis] = d0;
-      b2[axis] = b1[axis];
-      b1[axis] = b0;
-    }
-  }
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    value[axis] = load_double<Swap>(coefficients + axis * stride) + s * b1[axis] - b2[axis];
-    slope[axis] = b1[axis] + s * d1[axis] - d2[axis];
-  }
+Vec3 from_ecliptic(const Vec3& v) {
+  static const double c = std::cos(84381.448 * kArcsecond), s = std::sin(84381.448 * kArcsecond);
+  return {v.x(), c * v.y() - s * v.z(), s * v.y() + c * v.z()};
 }
 
 // Text on the stack, cut where it is full: errors must not allocate either.
@@ -242,7 +66,7 @@ Result<Ephemeris> Ephemeris::open(std::span<const std::span<const std::byte>> ke
   Ephemeris out;
   out.kernels_.assign(kernels.begin(), kernels.end());
   for (std::size_t i = 0; i < kernels.size(); ++i) {
-    const auto read = read_segments(kernels[i], static_cast<int>(i), out.segments_);
+    const auto read = daf::read_segments(kernels[i], static_cast<int>(i), out.segments_);
     if (read) continue;
     Sentence place;
     place.add("kernel %zu", i);
@@ -342,58 +166,24 @@ Result<Ephemeris::Chain> Ephemeris::chain(BodyId from, Epoch epoch) const {
 }
 
 Result<void> Ephemeris::add(const Segment& segment, const Epoch& epoch, double sign, State& sum) const {
-  if (segment.frame != kFrameJ2000)
-    return fail(ErrorCode::unsupported, "SPK frame {0} (body {1}, segment at byte {2}): only 1, J2000, is read",
+  if (segment.frame != kFrameJ2000 && segment.frame != kFrameEcliptic)
+    return fail(ErrorCode::unsupported,
+                "SPK frame {0} (body {1}, segment at byte {2}): 1 (J2000) and 17 (ECLIPJ2000) are read",
                 {static_cast<double>(segment.frame), static_cast<double>(segment.target.value),
                  static_cast<double>(segment.first_byte), 0});
-  if (segment.type != 2 && segment.type != 3)
-    return fail(ErrorCode::unsupported, "SPK type {0} (body {1}, segment at byte {2}): types 2 and 3 are read",
-                {static_cast<double>(segment.type), static_cast<double>(segment.target.value),
-                 static_cast<double>(segment.first_byte), 0});
-
-  // Whole seconds and the rest apart: a double of seconds since J2000 resolves a tenth of a microsecond only.
-  const std::int64_t whole = epoch.tdb_nanoseconds() / 1'000'000'000;
-  const double rest = static_cast<double>(epoch.tdb_nanoseconds() % 1'000'000'000) * 1e-9;
-  const double position = (static_cast<double>(whole) - segment.init_s + rest) / segment.interval_s;
-  const int index = static_cast<int>(std::clamp(position, 0.0, static_cast<double>(segment.record_count - 1)));
-  const std::size_t at = segment.first_byte + static_cast<std::size_t>(index) *
-                                                  static_cast<std::size_t>(segment.record_doubles) * kWordBytes;
-  const std::byte* const record = kernels_[static_cast<std::size_t>(segment.kernel)].data() + at;
-  const double middle = load_double(record, segment.swap_bytes);
-  const double radius = load_double(record + 8, segment.swap_bytes);
-  const double s = (static_cast<double>(whole) - middle + rest) / radius;
-  // A directory's interval may be rounded; more than a thousandth outside is another record's time.
-  if (!(radius > 0.0) || !(std::abs(s) <= 1.001))
-    return fail(ErrorCode::corrupt_data,
-                "byte {0}: the record's times do not hold the epoch that the directory puts there",
-                {static_cast<double>(at), 0, 0, 0});
-
-  const int series = segment.type == 2 ? 3 : 6;
-  const int count = (segment.record_doubles - 2) / series;
-  const std::byte* const coefficients = record + 2 * kWordBytes;
-  double p_km[3], v_km_s[3];
-  if (segment.swap_bytes)
-    chebyshev<true>(coefficients, count, s, p_km, v_km_s);
-  else
-    chebyshev<false>(coefficients, count, s, p_km, v_km_s);
-  if (segment.type == 2) {
-    for (double& v : v_km_s) v /= radius;
-  } else {
-    const std::byte* const velocity = coefficients + 3 * static_cast<std::size_t>(count) * kWordBytes;
-    double unused[3];
-    if (segment.swap_bytes)
-      chebyshev<true>(velocity, count, s, v_km_s, unused);
-    else
-      chebyshev<false>(velocity, count, s, v_km_s, unused);
+  State part;
+  const auto evaluated = spk::evaluate(kernels_[static_cast<std::size_t>(segment.kernel)], segment, epoch, part);
+  if (!evaluated) return evaluated;
+  if (segment.frame == kFrameEcliptic) {
+    part.p_m = from_ecliptic(part.p_m);
+    part.v_m_s = from_ecliptic(part.v_m_s);
   }
-  const double scale = sign * 1e3;
-  sum.p_m += scale * Vec3(p_km[0], p_km[1], p_km[2]);
-  sum.v_m_s += scale * Vec3(v_km_s[0], v_km_s[1], v_km_s[2]);
+  sum.p_m += sign * part.p_m;
+  sum.v_m_s += sign * part.v_m_s;
   // One comparison for six numbers: a NaN or an infinity survives sums.
   const double all = sum.p_m.squaredNorm() + sum.v_m_s.squaredNorm();
   if (!(all < std::numeric_limits<double>::infinity()))
-    return fail(ErrorCode::corrupt_data, "byte {0}: the record gives no finite place",
-                {static_cast<double>(at), 0, 0, 0});
+    return daf::corrupt("byte {0}: the segment gives no finite place", segment.first_byte);
   return {};
 }
 

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ephemeris: states of bodies from SPK kernels that somebody else holds in memory.
 //
-// DAF container and SPK segments after NAIF's "DAF Required Reading" and "SPK Required Reading"; types 2 and 3
-// (Chebyshev), both byte orders. Centres are chained through the NAIF numbers (399 -> 3 -> 0). Where a planet's centre
-// is not in any kernel, its barycentre stands in; resolve() says so. Kernels named later take precedence, and within a
-// kernel the later segment, as in SPICE. Segments of other types or frames do not hinder opening; asking for them does
-// fail.
+// DAF container and SPK segments after NAIF's "DAF Required Reading" and "SPK Required Reading", in both byte orders:
+// types 1 and 21 (difference lines), 2, 3 and 20 (Chebyshev), 5 (conics between states), 8, 9, 12, 13, 18 and 19
+// (interpolated states), 15 (precessing conic) and 17 (equinoctial elements). Centres are chained through the NAIF
+// numbers (399 -> 3 -> 0). Where a planet's centre is not in any kernel, its barycentre stands in; resolve() says so.
+// Kernels named later take precedence, and within a kernel the later segment, as in SPICE. Asteroids are found under
+// both numbers that are in use (other_number()). Segments of other types, or of other frames than J2000 and ECLIPJ2000,
+// do not hinder opening; asking for them does fail.
 #pragma once
 
 #include <array>
@@ -39,9 +41,10 @@ class Ephemeris {
     int kernel = 0;  // index into the kernels given to open()
     std::size_t first_byte = 0;
     std::size_t last_byte = 0;
-    // Parsed once from the directory at the segment's end (types 2 and 3).
+    // Parsed once from the directory at the segment's end, as far as the type has them: first epoch and step of records
+    // at equal intervals, size and number of records, states that one interpolation takes.
     double init_s = 0.0, interval_s = 0.0;
-    int record_doubles = 0, record_count = 0;
+    int record_doubles = 0, record_count = 0, window = 0;
     bool swap_bytes = false;
   };
   struct Span {
