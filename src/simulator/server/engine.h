@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// Engine: the one thread that moves bytes, the workers that take pictures, and who is next. Internal to this folder.
+//
+// Everything here is called on the thread of `io` alone, except the work of a job.
+#pragma once
+
+#include <chrono>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include <asio.hpp>
+
+#include "simulator/server/protocol.h"
+#include "simulator/server/scene.h"
+#include "simulator/server/studio.h"
+
+namespace astronav::server {
+
+using Clock = std::chrono::steady_clock;
+inline Clock::duration in_seconds(double s) {
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
+}
+
+struct Job {
+  std::function<void()> work;  // by a worker
+  std::function<void()> done;  // afterwards, on the thread of io
+};
+
+// Somebody with pictures to take: a session, or a browser's connection.
+class JobSource {
+ public:
+  virtual ~JobSource() = default;
+  // None where nothing can be done now; the source says ready() when that changes.
+  virtual std::optional<Job> next_job() = 0;
+
+ private:
+  friend class Engine;
+  bool in_line_ = false;
+};
+
+class Engine {
+ public:
+  Engine(unsigned workers, const Limits& limits, Registry registry, const Ephemeris& ephemeris,
+         const StarCatalogue& stars);
+
+  // Gets in line, at its end, unless it is there already.
+  void ready(const std::shared_ptr<JobSource>& source);
+  // Waits for the workers.
+  void join() { pool_.join(); }
+
+  // A shot whose buffers are kept for another when the last holder lets go.
+  std::shared_ptr<Shot> new_shot();
+
+  asio::io_context io;
+  const Limits limits;
+  const Registry registry;
+  const Studio studio;
+  const unsigned workers;
+  std::shared_ptr<const Scene> latest;  // what a session was shown last
+
+ private:
+  void pump();
+  struct FreeShots {
+    std::mutex mutex;
+    std::vector<std::unique_ptr<Shot>> shots;
+    std::size_t room = 0;
+  };
+  std::shared_ptr<FreeShots> free_ = std::make_shared<FreeShots>();
+  std::deque<std::shared_ptr<JobSource>> line_;
+  std::size_t running_ = 0;
+  bool pumping_ = false;
+  asio::thread_pool pool_;
+};
+
+}  // namespace astronav::server

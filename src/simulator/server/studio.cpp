@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulator/server/studio.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "foundation/files/mapped_file.h"
+#include "foundation/raster/raster.h"
+#include "models/aberration/aberration.h"
+#include "models/ephemeris/bodies.h"
+
+namespace astronav::server {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kMarginPx = 20.0;
+constexpr double kMaxSmearRad = 30.0 * kDegree;
+
+// The raster library writes 16-bit PNG to files; this one lives as long as the call.
+Result<std::string> png16(ImageView<const std::uint16_t> image) {
+  std::string pattern = (std::filesystem::temp_directory_path() / "astronav_png_XXXXXX").string();
+  if (mkdtemp(pattern.data()) == nullptr) {
+    return fail(ErrorCode::io_failure, "no folder for temporary files could be made");
+  }
+  const std::filesystem::path folder = pattern, path = folder / "frame.png";
+  const auto written = write_png16(path, image);
+  Result<std::string> out;
+  if (!written) {
+    out = forward(written);
+  } else if (const auto file = MappedFile::open(path)) {
+    out = std::string(file->text());
+  } else {
+    out = forward(file);
+  }
+  std::error_code ignored;
+  std::filesystem::remove_all(folder, ignored);
+  return out;
+}
+
+bool on_detector(const Intrinsics& c, Pixel p) {
+  return p.u >= -0.5 && p.v >= -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
+}
+
+Json xyz(const Vec3& v, double unit) {
+  return {{"x", v.x() / unit}, {"y", v.y() / unit}, {"z", v.z() / unit}};
+}
+
+template <typename T>
+std::span<const std::byte> bytes_of(std::span<const T> values) {
+  return std::as_bytes(values);
+}
+
+}  // namespace
+
+std::span<const std::byte> Shot::pixels() const {
+  switch (format) {
+    case PixelFormat::dn:
+      return bytes_of(dn.pixels());
+    case PixelFormat::electrons:
+      return bytes_of(electrons.pixels());
+    case PixelFormat::png:
+      return bytes_of(std::span<const char>(png));
+    case PixelFormat::none:
+      break;
+  }
+  return {};
+}
+
+Json truth(const Shot& shot) {
+  const Quaternion q_NC = to_quaternion(shot.R_CN.transpose());
+  const Pointing pointing = pointing_from_R_CN(shot.R_CN);
+  Json out;
+  out["camera"] = shot.camera->name;
+  out["exposure_ms"] = shot.exposure_s * 1e3;
+  out["seed"] = shot.seed;
+  out["epoch_tdb"] = shot.epoch.iso(TimeScale::tdb, 6, false);
+  out["ra_deg"] = pointing.ra_rad / kDegree;
+  out["dec_deg"] = pointing.dec_rad / kDegree;
+  out["roll_deg"] = pointing.roll_rad / kDegree;
+  out["q_NC"] = {{"w", q_NC.w}, {"x", q_NC.x}, {"y", q_NC.y}, {"z", q_NC.z}};
+  out["observer"] = {{"position_km", xyz(shot.observer_O.p_m, 1e3)},
+                     {"velocity_km_s", xyz(shot.observer_O.v_m_s, 1e3)}};
+  Json sources = Json::array();
+  for (const render::RenderedSource& s : shot.sources) {
+    if (!on_detector(shot.camera->intrinsics, s.pixel)) continue;
+    const bool star = s.source.kind == sky::SourceKind::star;
+    const RaDec place = radec_from_direction(s.source.direction_N);
+    Json one;
+    one["id"] = s.source.id;
+    one["kind"] = star ? "star" : s.source.kind == sky::SourceKind::planet ? "planet" : "small_body";
+    if (!star) {
+      const std::string_view known = body_name(BodyId{static_cast<std::int32_t>(s.source.id)});
+      one["name"] = known.empty() ? std::to_string(s.source.id) : std::string(known);
+    }
+    one["u_px"] = s.pixel.u;
+    one["v_px"] = s.pixel.v;
+    one["ra_deg"] = place.ra_rad / kDegree;
+    one["dec_deg"] = place.dec_rad / kDegree;
+    one["electrons"] = s.electrons;
+    one["mag"] = std::round(s.source.v_mag * 1e4) / 1e4;
+    one["irradiance_w_m2"] = s.source.flux.irradiance_w_m2;
+    sources.push_back(std::move(one));
+  }
+  out["sources"] = std::move(sources);
+  return out;
+}
+
+Studio::Ready::Ready(const Scene& scene)
+    : camera(scene.camera->camera), band(*camera), renderer(*camera, scene.detector_seed) {}
+
+std::size_t Studio::cameras_made() const {
+  const std::lock_guard lock(mutex_);
+  return made_;
+}
+
+std::shared_ptr<const Studio::Ready> Studio::ready(const Scene& scene) const {
+  std::shared_ptr<Place> place;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = std::find_if(places_.begin(), places_.end(), [&](const auto& p) {
+      return p->detector_seed == scene.detector_seed && p->key == scene.camera->key;
+    });
+    if (found != places_.end()) {
+      places_.splice(places_.begin(), places_, found);
+      place = places_.front();
+    } else {
+      place = std::make_shared<Place>();
+      place->key = scene.camera->key;
+      place->detector_seed = scene.detector_seed;
+      const Intrinsics& k = scene.camera->camera->intrinsics;
+      place->pixels = static_cast<std::size_t>(k.width_px) * static_cast<std::size_t>(k.height_px);
+      places_.push_front(place);
+      ++made_;
+      std::size_t pixels = 0;
+      for (const auto& each : places_) pixels += each->pixels;
+      while (places_.size() > 1 && (places_.size() > room_.cameras || pixels > room_.pixels)) {
+        pixels -= places_.back()->pixels;
+        places_.pop_back();
+      }
+    }
+  }
+  std::call_once(place->once, [&] { place->ready = std::make_shared<const Ready>(scene); });
+  return place->ready;
+}
+
+Result<Mat3> Studio::attitude(const Scene& scene, const State& observer_O) const {
+  if (const auto* R_CN = std::get_if<Mat3>(&scene.attitude)) return *R_CN;
+  const auto* law = std::get_if<BodyPointing>(&scene.attitude);
+  if (law == nullptr) return fail(ErrorCode::invalid_argument, "a scene needs an attitude", {}, "attitude");
+  const auto body = ephemeris_->resolve(law->body);
+  if (!body) return forward(body, "attitude.body");
+  const auto seen = light_time(*ephemeris_, *body, observer_O, *scene.epoch);
+  if (!seen) return forward(seen, "attitude.body");
+  const double distance = seen->relative.p_m.norm();
+  if (!(distance > 0.0)) {
+    return fail(ErrorCode::invalid_argument, "the observer is at the body's centre", {}, "attitude.body");
+  }
+  Vec3 direction = seen->relative.p_m / distance;
+  if (scene.sky.aberration) direction = aberrate(direction, observer_O.v_m_s);
+  const RaDec at = radec_from_direction(direction);
+  return R_CN_from_pointing({at.ra_rad, at.dec_rad, law->roll_rad});
+}
+
+Result<void> Studio::take(const Scene& scene, Shot& shot) const {
+  if (!scene.epoch) return fail(ErrorCode::invalid_argument, "a scene needs an epoch", {}, "epoch");
+  if (!scene.observer) return fail(ErrorCode::invalid_argument, "a scene needs an observer", {}, "observer");
+  if (!scene.camera) return fail(ErrorCode::invalid_argument, "a scene needs a camera", {}, "camera");
+  const auto state = (*scene.observer->observer)(*scene.epoch);
+  if (!state) return forward(state, "observer");
+  const auto R_CN = attitude(scene, *state);
+  if (!R_CN) return forward(R_CN);
+
+  const std::shared_ptr<const Ready> camera = ready(scene);
+  const Intrinsics& intrinsics = camera->camera->intrinsics;
+  shot.camera = camera->camera;
+  shot.epoch = *scene.epoch;
+  shot.observer_O = *state;
+  shot.R_CN = *R_CN;
+  shot.exposure_s = scene.exposure_s > 0.0 ? scene.exposure_s : camera->camera->exposure_s;
+  shot.seed = scene.seed;
+  shot.format = scene.format;
+
+  const double smear_rad = scene.rate_C_rad_s.norm() * shot.exposure_s;
+  if (smear_rad > kMaxSmearRad) {
+    return fail(ErrorCode::limit_exceeded, "the camera turns by {0} degrees in the exposure; at most {1} are drawn",
+                {smear_rad / kDegree, kMaxSmearRad / kDegree}, "rate_deg_s");
+  }
+  // What smears into the picture during the exposure counts too.
+  const double margin_px = kMarginPx + 0.5 * smear_rad / intrinsics.plate_scale_rad_px();
+  const double radius_rad =
+      std::min(intrinsics.half_diagonal_rad() + 2.0 * margin_px * intrinsics.plate_scale_rad_px(), kPi);
+  const auto seen = sky::Sky(*ephemeris_, *stars_)
+                        .look(*scene.epoch, *state, R_CN->row(2).transpose(), radius_rad, camera->band, scene.sky);
+  if (!seen) return forward(seen, "epoch");
+  render::Exposure exposure{.duration_s = shot.exposure_s, .rate_C_rad_s = scene.rate_C_rad_s};
+  if (const auto sun = light_time(*ephemeris_, body::sun, *state, *scene.epoch)) {
+    exposure.sun_C_m = *R_CN * sun->relative.p_m;
+  }
+  shot.sources = render::place_sources(*seen, *camera->camera, *R_CN, exposure, margin_px, scene.effects);
+  if (scene.format == PixelFormat::none) return {};
+  if (scene.format == PixelFormat::electrons) {
+    camera->renderer.electrons(shot.sources, exposure, shot.electrons, scene.effects);
+    return {};
+  }
+  camera->renderer.frame(shot.sources, exposure,
+                         {.seed = scene.seed, .sample = scene.sample, .image = scene.image, .purpose = ""}, shot.dn,
+                         scene.effects);
+  if (scene.format == PixelFormat::png) {
+    auto png = png16(shot.dn.view());
+    if (!png) return forward(png);
+    shot.png = std::move(*png);
+  }
+  return {};
+}
+
+}  // namespace astronav::server
