@@ -264,8 +264,7 @@ class Calibrator {
     const auto rich = adjust_freely(s, 99);
     if (!rich) return forward(rich);
     for (const LensFreedom& model : kModels) {
-      auto tried =
-          cross_validate(s.observations, attitudes(), start_of(model), model, rich->extra_sigma_px, request_.folds);
+      auto tried = cross_validate(s.observations, attitudes(), start_of(model), model, rich->scatter, request_.folds);
       if (tried) out_.models.push_back(std::move(*tried));
     }
     if (out_.models.empty()) {
@@ -281,7 +280,9 @@ class Calibrator {
     });
     out_.freedom = as_good->freedom;
     out_.held_out_rms_px = as_good->held_out_rms_px;
-    return adjust(s.observations, attitudes(), start_of(as_good->freedom), as_good->freedom, {.gate_sigma = 1e3});
+    AdjustOptions options;
+    options.gate_sigma = 1e3;  // they have been gated
+    return adjust(s.observations, attitudes(), start_of(as_good->freedom), as_good->freedom, options);
   }
 
   // What is held stays at what is usual: the centre in the middle, no distortion, square pixels.
@@ -309,7 +310,7 @@ class Calibrator {
     take(best);
     out_.camera = best.camera;
     out_.covariance = best.covariance;
-    out_.extra_sigma_px = best.extra_sigma_px;
+    out_.scatter = best.scatter;
     out_.rms_px = best.rms_px;
     out_.stars = s.tags.size();
     std::vector<double> backgrounds, noises, widths;
@@ -332,7 +333,8 @@ class Calibrator {
       Vec2 residual = best.residuals_px[i];
       frame.rms_px += residual.squaredNorm();
       if (out_.mirrored) residual.x() = -residual.x();
-      frame.stars.push_back({view.sky[tag.star].id, view.sky[tag.star].v_mag, as_in_picture(spot.pixel), residual});
+      frame.stars.push_back({view.sky[tag.star].id, view.sky[tag.star].v_mag, as_in_picture(spot.pixel),
+                             std::sqrt(0.5 * spot.covariance_px2.trace()), residual});
       // A Gaussian's peak over its light.
       if (!spot.saturated && spot.snr > 30.0) widths.push_back(std::sqrt(spot.flux_dn / (2.0 * kPi * spot.peak_dn)));
     }

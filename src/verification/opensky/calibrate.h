@@ -42,6 +42,7 @@ struct CalibrationStar {
   std::uint32_t id = 0;
   double v_mag = 0.0;
   Pixel pixel;                      // as in the picture
+  double sigma_px = 0.0;            // an axis, as the image processing believes
   Vec2 residual_px = Vec2::Zero();  // measured less predicted, as in the picture
 };
 // A planet is never used: its place is foretold by what the stars have told.
@@ -71,7 +72,7 @@ struct Calibration {
   std::size_t stars = 0;
   double rms_px = 0.0;                  // both axes together, of the stars used
   double held_out_rms_px = 0.0;         // the same, of stars that were not
-  double extra_sigma_px = 0.0;          // an axis, beside the centroids' own
+  Scatter scatter;                      // of the stars
   std::vector<CrossValidation> models;  // all that were tried
   std::vector<CalibratedFrame> frames;  // one a picture
   // Rough, from the pictures: what a camera file wants to know beside.

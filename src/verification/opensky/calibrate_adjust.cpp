@@ -17,6 +17,7 @@ namespace {
 
 constexpr double kFarOffPx = 1e6;  // residual of a star that falls nowhere
 constexpr double kLeastSigmaPx = 1e-3;
+constexpr int kStarsForScale = 40;
 
 using Lens = Eigen::VectorXd;  // changes of the free parameters
 using ByLens = Eigen::MatrixXd;
@@ -65,10 +66,9 @@ Mat3 left_jacobian(const Vec3& phi) {
 class StarCost final : public ceres::CostFunction {
  public:
   StarCost(const StarObservation& star, const Mat3& R_CN, const Intrinsics& first, const ByLens& map,
-           double extra_sigma_px)
+           const Scatter& scatter)
       : direction_C_(R_CN * star.direction_N), pixel_(star.pixel.vec()), first_(first), map_(map) {
-    const Mat2 covariance = star.covariance_px2 + extra_sigma_px * extra_sigma_px * Mat2::Identity();
-    whitening_ = covariance.inverse().llt().matrixU();
+    whitening_ = scatter.covariance(star.covariance_px2).inverse().llt().matrixU();
     set_num_residuals(2);
     mutable_parameter_block_sizes()->push_back(3);
     mutable_parameter_block_sizes()->push_back(static_cast<int>(map.cols()));
@@ -126,7 +126,7 @@ class Bundle {
   }
 
   // One least squares from where the last one ended. `robust`: Cauchy's loss, three sigma wide.
-  bool solve(double extra_sigma_px, bool robust, bool with_covariance) {
+  bool solve(const Scatter& scatter, bool robust, bool with_covariance) {
     const ByLens map = intrinsics_by_lens(out_.camera, freedom_);
     Lens lens = Lens::Zero(map.cols());
     std::vector<Vec3> theta(out_.R_CN.size(), Vec3::Zero());
@@ -137,7 +137,7 @@ class Bundle {
       if (!out_.used[i]) continue;
       const auto frame = static_cast<std::size_t>(stars_[i].frame);
       ++stars_of[frame];
-      problem.AddResidualBlock(new StarCost(stars_[i], out_.R_CN[frame], out_.camera, map, extra_sigma_px),
+      problem.AddResidualBlock(new StarCost(stars_[i], out_.R_CN[frame], out_.camera, map, scatter),
                                robust ? new ceres::CauchyLoss(3.0) : nullptr, theta[frame].data(), lens.data());
     }
     for (const int count : stars_of) {
@@ -150,9 +150,9 @@ class Bundle {
     for (Vec3& t : theta) options.linear_solver_ordering->AddElementToGroup(t.data(), 0);
     options.linear_solver_ordering->AddElementToGroup(lens.data(), 1);
     options.logging_type = ceres::SILENT;
-    options.max_num_iterations = 60;
-    options.function_tolerance = 1e-12;
-    options.parameter_tolerance = 1e-12;
+    options.max_num_iterations = 50;
+    options.function_tolerance = 1e-9;  // of chi-square: a thousandth of a sigma is 1e-6 of one star
+    options.parameter_tolerance = 1e-10;
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem, &summary);
     if (!summary.IsSolutionUsable()) return false;
@@ -165,47 +165,54 @@ class Bundle {
     return true;
   }
 
-  // The sigma beside the centroids' own that makes chi-square what the degrees of freedom say (eq. 11).
-  double extra_sigma() const {
-    const double wanted = std::max(1.0, 2.0 * used() - parameters());
-    double lo = kLeastSigmaPx, hi = 100.0;
-    for (int i = 0; i < 60; ++i) {
-      const double middle = std::sqrt(lo * hi);
-      (chi_square(middle) > wanted ? lo : hi) = middle;
+  // Of all pairs (scale, extra) that make chi-square what the degrees of freedom say, the likeliest: that with the
+  // least sum of log determinants (docs/theory/camera.md eq. 11).
+  Scatter scatter() const {
+    Scatter best = with_right_chi_square(1.0);
+    if (used() < kStarsForScale) return best;
+    double least = log_determinants(best);
+    for (double scale = 0.5; scale < 4.1; scale *= 1.15) {
+      const Scatter other = with_right_chi_square(scale);
+      const double sum = log_determinants(other);
+      if (sum < least && std::abs(chi_square(other) / wanted_chi_square() - 1.0) < 1e-3) {
+        least = sum;
+        best = other;
+      }
     }
-    return hi;
+    return best;
   }
   // A first idea of it that a few wrong stars do not pull.
-  double robust_sigma() const {
+  Scatter robust_scatter() const {
     std::vector<double> squares;
     for (std::size_t i = 0; i < stars_.size(); ++i) {
       if (out_.residuals_px[i].x() < kFarOffPx) squares.push_back(out_.residuals_px[i].squaredNorm());
     }
-    return squares.empty() ? 1.0 : std::max(std::sqrt(median(squares) / (2.0 * std::log(2.0))), kLeastSigmaPx);
+    if (squares.empty()) return {};
+    return {.scale = 1.0,
+            .extra_sigma_px = std::max(std::sqrt(median(squares) / (2.0 * std::log(2.0))), kLeastSigmaPx)};
   }
 
   // Uses what lies within the gate; true where that is another set than before.
-  bool gate(double gate_sigma, double extra_sigma_px) {
+  bool gate(double gate_sigma, const Scatter& scatter) {
     bool other = false;
     for (std::size_t i = 0; i < stars_.size(); ++i) {
-      const bool inside = surprise(i, extra_sigma_px) < gate_sigma * gate_sigma;
+      const bool inside = surprise(i, scatter) < gate_sigma * gate_sigma;
       other |= inside != out_.used[i];
       out_.used[i] = inside;
     }
     return other;
   }
 
-  double surprise(std::size_t i, double extra_sigma_px) const {
+  double surprise(std::size_t i, const Scatter& scatter) const {
     if (!(out_.residuals_px[i].x() < kFarOffPx)) return 1e12;
-    const Mat2 covariance = stars_[i].covariance_px2 + extra_sigma_px * extra_sigma_px * Mat2::Identity();
-    return out_.residuals_px[i].dot(covariance.inverse() * out_.residuals_px[i]);
+    return out_.residuals_px[i].dot(scatter.covariance(stars_[i].covariance_px2).inverse() * out_.residuals_px[i]);
   }
 
   int used() const { return static_cast<int>(std::count(out_.used.begin(), out_.used.end(), true)); }
   int parameters() const { return freedom_.count() + 3 * static_cast<int>(out_.R_CN.size()); }
 
-  Adjustment result(double extra_sigma_px) {
-    out_.extra_sigma_px = extra_sigma_px;
+  Adjustment result(const Scatter& scatter) {
+    out_.scatter = scatter;
     double sum = 0.0;
     for (std::size_t i = 0; i < stars_.size(); ++i) {
       if (out_.used[i]) sum += out_.residuals_px[i].squaredNorm();
@@ -215,12 +222,28 @@ class Bundle {
   }
 
  private:
-  double chi_square(double extra_sigma_px) const {
+  double wanted_chi_square() const { return std::max(1.0, 2.0 * used() - parameters()); }
+  double chi_square(const Scatter& scatter) const {
     double sum = 0.0;
     for (std::size_t i = 0; i < stars_.size(); ++i) {
-      if (out_.used[i]) sum += surprise(i, extra_sigma_px);
+      if (out_.used[i]) sum += surprise(i, scatter);
     }
     return sum;
+  }
+  double log_determinants(const Scatter& scatter) const {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < stars_.size(); ++i) {
+      if (out_.used[i]) sum += std::log(scatter.covariance(stars_[i].covariance_px2).determinant());
+    }
+    return sum;
+  }
+  Scatter with_right_chi_square(double scale) const {
+    double lo = kLeastSigmaPx, hi = 30.0;
+    for (int i = 0; i < 24; ++i) {
+      const double middle = std::sqrt(lo * hi);
+      (chi_square({scale, middle}) > wanted_chi_square() ? lo : hi) = middle;
+    }
+    return {scale, hi};
   }
 
   void look() {
@@ -275,25 +298,24 @@ std::array<double, 9> intrinsics_values(const Intrinsics& c) {
 Result<Adjustment> adjust(std::span<const StarObservation> observations, std::span<const Mat3> first_R_CN,
                           const Intrinsics& first, const LensFreedom& freedom, const AdjustOptions& options) {
   Bundle bundle(observations, first_R_CN, first, freedom);
-  const bool given = options.extra_sigma_px >= 0.0;
-  double sigma = given ? options.extra_sigma_px : bundle.robust_sigma();
+  Scatter scatter = options.scatter.value_or(bundle.robust_scatter());
   for (int robust = 0; robust < 2; ++robust) {
-    if (!bundle.solve(sigma, true, false)) return undetermined(freedom, bundle.used());
-    if (!given) sigma = bundle.robust_sigma();
+    if (!bundle.solve(scatter, true, false)) return undetermined(freedom, bundle.used());
+    if (!options.scatter) scatter = bundle.robust_scatter();
   }
   for (int pass = 0; pass < options.passes; ++pass) {
-    const bool other = bundle.gate(options.gate_sigma, sigma);
-    if (!given) sigma = bundle.extra_sigma();
-    if (!bundle.solve(sigma, false, false)) return undetermined(freedom, bundle.used());
-    if (!given) sigma = bundle.extra_sigma();
+    const bool other = bundle.gate(options.gate_sigma, scatter);
+    if (!options.scatter) scatter = bundle.scatter();
+    if (!bundle.solve(scatter, false, false)) return undetermined(freedom, bundle.used());
+    if (!options.scatter) scatter = bundle.scatter();
     if (!other && pass > 0) break;
   }
-  if (!bundle.solve(sigma, false, true)) return undetermined(freedom, bundle.used());
-  return bundle.result(sigma);
+  if (!bundle.solve(scatter, false, true)) return undetermined(freedom, bundle.used());
+  return bundle.result(scatter);
 }
 
 Result<CrossValidation> cross_validate(std::span<const StarObservation> observations, std::span<const Mat3> first_R_CN,
-                                       const Intrinsics& first, const LensFreedom& freedom, double extra_sigma_px,
+                                       const Intrinsics& first, const LensFreedom& freedom, const Scatter& scatter,
                                        int folds) {
   std::vector<std::size_t> order(observations.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -308,16 +330,15 @@ Result<CrossValidation> cross_validate(std::span<const StarObservation> observat
     }
     // The stars have been gated before: all of them count here.
     Bundle bundle(kept, first_R_CN, first, freedom);
-    if (!bundle.solve(extra_sigma_px, false, false)) return undetermined(freedom, bundle.used());
-    const Adjustment fitted = bundle.result(extra_sigma_px);
+    if (!bundle.solve(scatter, false, false)) return undetermined(freedom, bundle.used());
+    const Adjustment fitted = bundle.result(scatter);
     for (std::size_t i = 0; i < order.size(); ++i) {
       if (static_cast<int>(i % static_cast<std::size_t>(folds)) != fold) continue;
       const StarObservation& star = observations[order[i]];
       const auto predicted =
           project(fitted.camera, fitted.R_CN[static_cast<std::size_t>(star.frame)] * star.direction_N);
       const Vec2 miss = predicted ? Vec2(star.pixel.vec() - predicted->vec()) : Vec2::Constant(kFarOffPx);
-      const Mat2 covariance = star.covariance_px2 + extra_sigma_px * extra_sigma_px * Mat2::Identity();
-      out.surprise[order[i]] = miss.dot(covariance.inverse() * miss);
+      out.surprise[order[i]] = miss.dot(scatter.covariance(star.covariance_px2).inverse() * miss);
       squares += miss.squaredNorm();
       surprises += out.surprise[order[i]];
     }

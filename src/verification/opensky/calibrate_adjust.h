@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -35,6 +36,15 @@ inline constexpr std::array<std::string_view, 9> kIntrinsicsNames{"fx_px", "fy_p
                                                                   "k2",    "k3",    "p1",    "p2"};
 std::array<double, 9> intrinsics_values(const Intrinsics& camera);
 
+// How far stars really scatter: the covariance of a centroid = scale^2 (what the image processing believes) + extra^2.
+struct Scatter {
+  double scale = 1.0;
+  double extra_sigma_px = 0.1;  // an axis
+  Mat2 covariance(const Mat2& believed) const {
+    return scale * scale * believed + extra_sigma_px * extra_sigma_px * Mat2::Identity();
+  }
+};
+
 using IntrinsicsCovariance = Eigen::Matrix<double, 9, 9>;
 
 struct Adjustment {
@@ -44,15 +54,14 @@ struct Adjustment {
   std::vector<Mat3> attitude_covariance_rad2;  // of theta with R_true = exp(-[theta]x) R
   std::vector<Vec2> residuals_px;              // measured less predicted, of every observation; huge where none falls
   std::vector<bool> used;
-  double extra_sigma_px = 0.0;  // beside the centroids' own, so that chi-square is what it should be
-  double rms_px = 0.0;          // of the stars used, both axes together: sqrt(mean(du2 + dv2))
+  Scatter scatter;
+  double rms_px = 0.0;  // of the stars used, both axes together: sqrt(mean(du2 + dv2))
 };
 
 struct AdjustOptions {
-  double gate_sigma = 4.0;  // what is farther off is left out
-  // Beside the centroids' own sigma; below zero: found from the residuals.
-  double extra_sigma_px = -1.0;
-  int passes = 5;  // of gating and weighing
+  double gate_sigma = 4.0;         // what is farther off is left out
+  std::optional<Scatter> scatter;  // found from the residuals where it is not given
+  int passes = 5;                  // of gating and weighing
 };
 
 // not_converged where too few stars are left or the camera cannot be told from them.
@@ -63,13 +72,13 @@ Result<Adjustment> adjust(std::span<const StarObservation> observations, std::sp
 struct CrossValidation {
   LensFreedom freedom;
   double held_out_rms_px = 0.0;  // both axes together
-  std::vector<double> surprise;  // of each observation, when held out: r' (C + s^2)^-1 r
+  std::vector<double> surprise;  // of each observation, when held out: r' C^-1 r
   double mean_surprise = 0.0;
 };
 // `folds` times all but one part of the stars are fitted and the rest predicted. The parts are drawn by a stream of
 // their own: the same stars, the same parts.
 Result<CrossValidation> cross_validate(std::span<const StarObservation> observations, std::span<const Mat3> first_R_CN,
-                                       const Intrinsics& first, const LensFreedom& freedom, double extra_sigma_px,
+                                       const Intrinsics& first, const LensFreedom& freedom, const Scatter& scatter,
                                        int folds);
 
 }  // namespace astronav::opensky

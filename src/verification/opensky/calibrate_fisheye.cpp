@@ -127,7 +127,7 @@ Result<FisheyeLook> refine(const Guess& guess, std::span<const vision::Centroid>
     camera = fitted->camera;
     look.R_CN = fitted->R_CN[0];
     // How surprising the hits are: spots within a net of three sigma, which the fit has drawn together.
-    const double net_px = std::clamp(2.0 * fitted->extra_sigma_px, 1.0, settings.radius_px);
+    const double net_px = std::clamp(2.0 * fitted->scatter.extra_sigma_px, 1.0, settings.radius_px);
     settings.radius_px = net_px;
     const auto close = match_stars(stars, judged, {}, camera, look.R_CN, settings);
     look.matched = static_cast<int>(close.size());

@@ -20,8 +20,8 @@ bool inside(const Intrinsics& c, Pixel p) {
   return p.u > -0.5 && p.v > -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
 }
 
-double distance(Pixel a, Pixel b) {
-  return std::hypot(a.u - b.u, a.v - b.v);
+double squared_distance(Pixel a, Pixel b) {
+  return (a.u - b.u) * (a.u - b.u) + (a.v - b.v) * (a.v - b.v);
 }
 
 }  // namespace
@@ -79,10 +79,10 @@ std::vector<StarMatch> match_stars(std::span<const SkyStar> sky, std::span<const
   std::vector<int> claims(spots.size(), 0);
   for (std::size_t k = 0; k < std::min(wanted, seen.size()); ++k) {
     std::size_t nearest = spots.size();
-    double least = settings.radius_px;
+    double least = settings.radius_px * settings.radius_px;
     for (std::size_t s = 0; s < spots.size(); ++s) {
       if (!closed.empty() && closed[s]) continue;
-      const double d = distance(spots[s].pixel, seen[k].pixel);
+      const double d = squared_distance(spots[s].pixel, seen[k].pixel);
       if (d < least) {
         least = d;
         nearest = s;
@@ -93,7 +93,7 @@ std::vector<StarMatch> match_stars(std::span<const SkyStar> sky, std::span<const
     const double limit = sky[seen[k].star].v_mag + settings.blend_mag;
     const bool blended = std::any_of(seen.begin(), seen.end(), [&](const Projected& other) {
       return other.star != seen[k].star && sky[other.star].v_mag < limit &&
-             distance(other.pixel, seen[k].pixel) < settings.blend_px;
+             squared_distance(other.pixel, seen[k].pixel) < settings.blend_px * settings.blend_px;
     });
     if (!blended) matches.push_back({seen[k].star, nearest});
   }
