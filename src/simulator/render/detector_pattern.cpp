@@ -21,7 +21,7 @@ ImageF normal_map(int width, int height, double sigma, const StreamId& id) {
 ImageF vignetting_map(const Camera& camera) {
   if (!has_vignetting(camera)) return {};
   // Smooth: on a grid, and linear between.
-  constexpr int kStep = 16;
+  constexpr int kStep = 8;
   const int width = camera.intrinsics.width_px;
   const int height = camera.intrinsics.height_px;
   const int columns = (width - 1) / kStep + 2;

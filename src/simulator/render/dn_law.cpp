@@ -217,18 +217,24 @@ void EvenLaws::draw(std::span<const std::uint16_t> levels, RandomBlock& random, 
 std::optional<GradedLaws> GradedLaws::make(const DnChain& chain) {
   if (!chain.shot) return {};
   GradedLaws made;
-  // The law must fit into a table, and the well be far from full.
-  double highest = std::min(kGradedMaxMean, 0.25 * chain.full_well_e);
-  while (highest > 1.0 && dn_of_law(chain, highest).size() > kGradedWidest) highest *= 0.7;
-  made.root0_ = chain.noise_e(0.0);
   made.step_ = 0.5 * kGradedStep;
+  const auto steps_to = [&](double mean_e) {
+    return std::floor((chain.noise_e(mean_e) - chain.noise_e(0.0)) / made.step_);
+  };
+  // The law must fit into a table that is soon made, and the well be far from full.
+  double highest = std::min(kGradedMaxMean, 0.25 * chain.full_well_e);
+  while (highest > 1.0 && (dn_of_law(chain, highest).size() > kGradedWidest ||
+                           products(chain, highest, steps_to(highest)) > kMaxProducts)) {
+    highest *= 0.7;
+  }
+  made.root0_ = chain.noise_e(0.0);
   const double offset = made.root0_ * made.root0_;
-  const auto steps = static_cast<std::size_t>(std::floor((std::sqrt(highest + offset) - made.root0_) / made.step_));
+  const auto steps = static_cast<std::size_t>(steps_to(highest));
   const auto mean = [&](std::size_t i) {
     const double root = made.root0_ + static_cast<double>(i) * made.step_;
-    return root * root - offset;
+    return std::max(0.0, root * root - offset);
   };
-  if (steps < 2 || highest <= 1.0 || products(chain, highest, static_cast<double>(steps)) > kMaxProducts) return {};
+  if (steps < 2 || highest <= 1.0) return {};
   std::size_t widest = 2;
   std::vector<Span> spans;
   for (std::size_t i = 0; i <= steps; ++i) {

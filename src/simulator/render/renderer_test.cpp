@@ -9,38 +9,11 @@
 #include <gtest/gtest.h>
 
 #include "foundation/math/statistics.h"
+#include "simulator/render/dn_law.h"
+#include "simulator/render/frames_for_tests.h"
 
 namespace astronav::render {
 namespace {
-
-Camera quiet_camera(int size = 64) {
-  Camera camera;
-  camera.intrinsics = Intrinsics::from_field_of_view(size, size, 20.0 * kDegree);
-  camera.psf.sigma_px = 0.8;
-  camera.detector = {.pixel_pitch_m = 13e-6,
-                     .quantum_efficiency = {},
-                     .read_noise_e = 10.0,
-                     .dark_current_e_s = 0.0,
-                     .full_well_e = 1e5,
-                     .gain_e_dn = 25.0,
-                     .bias_dn = 64.0,
-                     .bits = 12};
-  return camera;
-}
-
-RenderedSource star_at(double u, double v, double electrons) {
-  RenderedSource source;
-  source.pixel = {u, v};
-  source.electrons = electrons;
-  return source;
-}
-
-StreamId frame_name(std::uint64_t seed, std::uint64_t image) {
-  StreamId id;
-  id.seed = seed;
-  id.image = image;
-  return id;
-}
 
 double sum_of(const ImageF& image) {
   double sum = 0.0;
@@ -251,6 +224,28 @@ TEST(Renderer, NoiseOfPixelsUnderASourceFollowsTheExactLaw) {
   for (std::size_t p = 0; p < 3; ++p) {
     const double mean = static_cast<double>(expected(places[p].first, places[p].second));
     EXPECT_GT(p_value(dn_law(camera.detector, mean, 400), counts[p]), 1e-3) << mean;
+  }
+}
+
+// Many draws of one mean: the tables' own law, a level's and between levels.
+TEST(Renderer, GradedTablesFollowTheExactLaw) {
+  const Camera camera = quiet_camera();
+  for (const double gain : {25.0, 4.0}) {
+    Detector d = camera.detector;
+    d.gain_e_dn = gain;
+    const auto laws = GradedLaws::make(
+        {.full_well_e = d.full_well_e, .read_noise_e = 10.0, .gain_e_dn = gain, .bias_dn = 64.0, .max_dn = 4095});
+    ASSERT_TRUE(laws);
+    RandomBlock random({.purpose = "graded"});
+    for (const double mean_e : {0.0, 0.07, 3.3, 41.7, 260.0, 0.999 * laws->max_mean_e()}) {
+      const std::vector<float> means(1 << 20, static_cast<float>(mean_e));
+      std::vector<std::uint16_t> drawn(means.size());
+      laws->draw(means, random, drawn.data());
+      const int dn_count = static_cast<int>(64.0 + (mean_e + 8.0 * std::sqrt(mean_e + 100.0)) / gain) + 20;
+      std::vector<double> counts(static_cast<std::size_t>(dn_count), 0.0);
+      for (const std::uint16_t dn : drawn) ++counts.at(dn);
+      EXPECT_GT(p_value(dn_law(d, static_cast<double>(means[0]), dn_count), counts), 1e-3) << gain << " " << mean_e;
+    }
   }
 }
 
