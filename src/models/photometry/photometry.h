@@ -53,9 +53,14 @@ struct BandFlux {
 };
 // A colour that is not known.
 inline constexpr double kUnknownColour = std::numeric_limits<double>::quiet_NaN();
-// Flux of a source of magnitude V and colour B-V seen by a camera: a blackbody at the colour's temperature scaled to V.
-// Colours from -0.4 to 3 (others count as the nearest, unknown ones as the Sun's). V-I (Cousins) matters for red stars,
-// whose B-V says little of their light beyond 600 nm: Proxima Centauri has 1.82 and 3.7. docs/theory/photometry.md.
+// V-I (Cousins) that goes with B-V: the mean of the bright stars of Hipparcos, whose red ones are giants; and of dwarfs
+// of the main sequence, which are redder from B-V 1.3 on. docs/theory/photometry.md.
+double usual_v_i(double b_v);
+double dwarf_v_i(double b_v);
+
+// Flux of a source of magnitude V seen by a camera. The spectrum is that of a dwarf of the same V-I: a blackbody bent
+// so that it has the published colours from B to J (docs/theory/photometry.md). Where V-I is not known, usual_v_i(B-V)
+// stands for it. Colours beyond the ends of the tables count as the ends, B-V that is not known as the Sun's.
 class BandPhotometry {
  public:
   explicit BandPhotometry(const Camera& camera);
@@ -64,10 +69,11 @@ class BandPhotometry {
   double v_magnitude(double electrons_per_s, double b_v, double v_i = kUnknownColour) const;
 
  private:
-  // Of V = 0, tabulated over B-V once; interpolated.
-  static constexpr int kColours = 64;
-  std::array<double, kColours> log_electrons_{};
-  std::array<double, kColours> log_irradiance_{};
+  // Of V = 0, tabulated over V-I and over B-V once; interpolated.
+  static constexpr int kColours = 256;
+  using Table = std::array<BandFlux, kColours>;
+  Table by_v_i_{};
+  Table by_b_v_{};
 };
 
 }  // namespace astronav

@@ -70,6 +70,13 @@ std::array<Lanes, 3> apparent(const StarPlaces& places, const Aberration& aberra
   return aberration.apparent(at_x, at_y, at_z);
 }
 
+// Nearly all red stars that are bright are giants. A dwarf of the same B-V is far redder beyond it; its parallax gives
+// it away: absolute magnitude beyond 7.5, where no giant is.
+bool is_red_dwarf(const Star& star) {
+  if (!(star.b_v > 1.3f) || !(star.parallax_rad > 0.0)) return false;
+  return static_cast<double>(star.v_mag) + 5.0 + 5.0 * std::log10(star.parallax_rad / kArcsecond) > 7.5;
+}
+
 struct Look {
   const Ephemeris& ephemeris;
   Epoch epoch;
@@ -260,7 +267,7 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
       source.direction_N = Vec3(seen[0][lane], seen[1][lane], seen[2][lane]);
       source.v_mag = v_mag;
       source.b_v = b_v;
-      source.flux = band.flux(v_mag, b_v);
+      source.flux = band.flux(v_mag, b_v, is_red_dwarf(star) ? dwarf_v_i(b_v) : kUnknownColour);
     }
   }
   sources.insert(sources.end(), next_body, bodies.end());

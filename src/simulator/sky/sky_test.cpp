@@ -203,6 +203,20 @@ TEST_F(SkyTest, EveryBodyIsFoundInANarrowConeAroundItself) {
   }
 }
 
+// Lalande 21185 (HIP 54035), a dwarf of B-V 1.50, and Aldebaran, a giant of 1.54.
+TEST_F(SkyTest, RedDwarfsAreNotTakenForGiants) {
+  const auto sources = all_sky(earth(), {.max_v_mag = 8.0});
+  const SkySource* dwarf = find(sources, SourceKind::star, 54035);
+  ASSERT_NE(dwarf, nullptr);
+  const double excess =
+      2.5 * std::log10(dwarf->flux.electrons_per_s / band_.flux(dwarf->v_mag, dwarf->b_v).electrons_per_s);
+  EXPECT_GT(excess, 0.3);
+  EXPECT_LT(excess, 0.9);
+  const SkySource* giant = find(sources, SourceKind::star, 21421);  // Aldebaran
+  ASSERT_NE(giant, nullptr);
+  EXPECT_EQ(giant->flux.electrons_per_s, band_.flux(giant->v_mag, giant->b_v).electrons_per_s);
+}
+
 TEST_F(SkyTest, BeyondTheEphemerisIsAnError) {
   const auto sources = sky_.look(*Epoch::parse("2100-01-01 TDB"), {}, Vec3::UnitX(), 0.1, band_, SkySettings{});
   ASSERT_FALSE(sources);
