@@ -294,12 +294,13 @@ Json windows_json(const opensky::WindowFigures& w) {
           {"ssim_loss_ratio", w.ssim_loss_ratio()}};
 }
 
-// Magnitude by the zero point that a header gives (LORRI's PHOTZPT: of 1 DN/s), without a colour term.
+// Magnitude of the light within 4 px by the zero point that a header gives (LORRI's PHOTZPT: of 1 DN/s), without a
+// colour term.
 std::optional<double> header_magnitude(const Picture& picture, const opensky::Comparison& c,
                                        const opensky::ComparedStar& star) {
   const auto zero = number_in(picture, "PHOTZPT");
   if (!zero || !(star.measured_e > 0.0)) return {};
-  return *zero - 2.5 * std::log10(star.measured_e / c.gain_e_dn / c.exposure_s);
+  return *zero - 2.5 * std::log10(star.measured_e * star.aperture_share / c.gain_e_dn / c.exposure_s);
 }
 
 Json to_json(const Options& options, const Asked& asked, const opensky::Comparison& c) {

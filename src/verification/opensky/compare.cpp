@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <unordered_map>
 #include <utility>
 
@@ -15,6 +16,7 @@ namespace astronav::opensky {
 namespace {
 
 constexpr int kHalfWindow = 7;  // 15 x 15 pixels
+constexpr double kAperturePx = 4.0;
 constexpr double kCrowdedPx = 4.0;
 constexpr double kCrowdedShare = 0.1;
 constexpr int kRounds = 4;
@@ -174,6 +176,35 @@ double fwhm_px(const Camera& camera) {
   return 2.0 * std::sqrt(static_cast<double>(above) / kPi) / kFine;
 }
 
+// Light within kAperturePx of a place, in electrons: of the picture, without sky and neighbours. It needs no shape of
+// a star, and so holds where a star moved during the exposure.
+double aperture_sum(const Frame& frame, const Judge& judge, const render::RenderedSource& star, Pixel at) {
+  const double gain = judge.model.camera.detector.gain_e_dn;
+  StarShape own(judge.model.camera, star.pixel);
+  const ImageF& shape = own.draw(star.pixel);
+  double sum = 0.0;
+  for (int v = static_cast<int>(at.v) - 8; v <= static_cast<int>(at.v) + 8; ++v) {
+    for (int u = static_cast<int>(at.u) - 8; u <= static_cast<int>(at.u) + 8; ++u) {
+      if (std::hypot(u - at.u, v - at.v) > kAperturePx || !frame.dn.view().contains(u, v)) continue;
+      const int x = u - own.u0(), y = v - own.v0();
+      const double mine = shape.view().contains(x, y) ? star.electrons * static_cast<double>(shape(x, y)) : 0.0;
+      sum += (static_cast<double>(frame.dn(u, v)) - static_cast<double>(judge.rendering_dn(u, v))) * gain + mine;
+    }
+  }
+  return sum;
+}
+
+// Share of a star's light that the camera puts into the aperture.
+double aperture_share(const Camera& camera, Pixel at) {
+  StarShape own(camera, at);
+  const ImageF& shape = own.draw(at);
+  double sum = 0.0;
+  for (int y = 0; y < StarShape::kSide; ++y)
+    for (int x = 0; x < StarShape::kSide; ++x)
+      if (std::hypot(own.u0() + x - at.u, own.v0() + y - at.v) <= kAperturePx) sum += static_cast<double>(shape(x, y));
+  return sum;
+}
+
 // Whether another source shines beside it.
 bool crowded(const Model& model, const render::RenderedSource& star) {
   return std::any_of(model.sources().begin(), model.sources().end(), [&](const render::RenderedSource& other) {
@@ -215,8 +246,18 @@ Result<Comparison> compare(const Picture& picture, const CompareRequest& request
   frame.dn = picture.pixels;
   if (request.mirrored)
     for (int v = 0; v < height; ++v) std::reverse(frame.dn.row(v), frame.dn.row(v) + width);
-  frame.levels = picture.white_level;
-  frame.saturation_dn = 0.98 * picture.white_level;
+  // Numbers with fractions have no largest value of their own; a known camera's detector has.
+  const Detector& detector = request.camera.detector;
+  if (picture.bits <= 16) {
+    frame.levels = picture.white_level;
+    frame.saturation_dn = 0.98 * frame.levels;
+  } else if (request.camera_known) {
+    frame.levels = std::min(std::exp2(detector.bits), detector.full_well_e / detector.gain_e_dn);
+    frame.saturation_dn = 0.98 * frame.levels;
+  } else {
+    frame.levels = picture.white_level;
+    frame.saturation_dn = std::numeric_limits<double>::infinity();
+  }
   frame.sky = smooth_sky(frame.dn);
   // A known gain counts; what the sky scatters beyond that, the picture tells.
   frame.noise =
@@ -278,6 +319,11 @@ Result<Comparison> compare(const Picture& picture, const CompareRequest& request
       star.snr = measured->second.snr;
       star.sigma_px = measured->second.sigma_px;
       star.found = measured->second.found;
+    }
+    if (!star.name.empty() && star.found) {
+      star.measured_e = aperture_sum(frame, judge, seen->second, star.measured);
+      star.aperture_share = aperture_share(judge.model.camera, star.measured);
+      star.measured_e /= star.aperture_share;
     }
     if (!star.saturated) deep_windows.add(star.predicted, judge.rendering_dn, judge.ssim);
     if (star.snr >= request.least_snr) {

@@ -58,8 +58,9 @@ struct ComparedStar {
   double v_mag = 0.0, b_v = 0.0;
   Pixel predicted, measured;  // as in the picture
   double expected_e = 0.0, measured_e = 0.0;
-  double snr = 0.0;       // expected
-  double sigma_px = 0.0;  // of the measured place, one axis
+  double aperture_share = 1.0;  // of named stars: of their light within 4 px, which is what is measured
+  double snr = 0.0;             // expected
+  double sigma_px = 0.0;        // of the measured place, one axis
   bool saturated = false;
   bool crowded = false;  // another catalogue star within 4 px that shines at least a tenth as bright
   bool found = false;    // its light was found within 2 px

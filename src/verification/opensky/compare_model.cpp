@@ -229,7 +229,7 @@ void Model::fit_plate(std::span<const Measured> stars) {
   };
   // fx and fy differ only by what the air does to the height of the sky.
   constexpr double kUnequalPx = 0.5;
-  constexpr double kFloorPx = 0.05;
+  constexpr double kFloorPx = 0.02;
   std::vector<const render::RenderedSource*> sources;
   std::vector<char> used(stars.size(), 1);
   for (const Measured& star : stars) sources.push_back(find(star.id));
@@ -358,7 +358,7 @@ void Model::fit_point_spread(std::span<const Measured> stars) {
   std::sort(bright.begin(), bright.end(), [](const auto& a, const auto& b) { return a.snr > b.snr; });
   std::erase_if(bright, [](const Measured& star) { return star.snr < 25.0; });
   if (bright.size() > 60) bright.resize(60);
-  if (bright.empty()) return;
+  if (bright.size() < 4) return;
   const Intrinsics& c = camera.intrinsics;
   const double gain = camera.detector.gain_e_dn;
   const ImageF light = light_e();
