@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include "cli/inputs.h"
 #include "cli/validators.h"
 #include "cli/wcs.h"
+#include "foundation/base/nearest_word.h"
 #include "foundation/raster/raster.h"
 #include "models/camera_file/camera_file.h"
 #include "simulator/render/renderer.h"
@@ -36,6 +39,8 @@ struct Options {
   std::string truth;
   std::vector<std::string> kernels;
   std::string catalogue;
+  std::string rate;
+  std::vector<std::string> without;
   bool no_noise = false;
   bool no_aberration = false;
   bool centre_of_figure = false;
@@ -48,7 +53,8 @@ struct Shot {
   Epoch epoch;
   State observer_O;
   Mat3 R_CN;
-  double exposure_s = 0.0;
+  render::Exposure exposure;
+  render::Effects effects;
   std::vector<render::RenderedSource> sources;  // brightest first
 };
 
@@ -65,11 +71,11 @@ std::vector<FitsCard> header(const Shot& shot, const Options& options) {
   const auto number = [&](const char* key, double value, const char* comment) {
     cards.push_back({.key = key, .text = {}, .number = value, .comment = comment});
   };
-  const Duration half = Duration::seconds(0.5 * shot.exposure_s);
+  const Duration half = Duration::seconds(0.5 * shot.exposure.duration_s);
   text("TIMESYS", "UTC", "");
   text("DATE-OBS", (shot.epoch - half).iso(TimeScale::utc, 6, false), "start of the exposure");
   text("DATE-AVG", shot.epoch.iso(TimeScale::utc, 6, false), "middle of the exposure");
-  number("EXPTIME", shot.exposure_s, "s");
+  number("EXPTIME", shot.exposure.duration_s, "s");
   text("INSTRUME", shot.camera.name, "");
   number("GAIN", d.gain_e_dn, "electrons per DN");
   number("RDNOISE", d.read_noise_e, "electrons, 1 sigma");
@@ -86,7 +92,7 @@ Json truth(const Shot& shot, const Options& options) {
   Json out;
   out["image"] = options.out;
   out["camera"] = shot.camera.name;
-  out["exposure_ms"] = shot.exposure_s * 1e3;
+  out["exposure_ms"] = shot.exposure.duration_s * 1e3;
   out["seed"] = options.seed;
   out["epoch_tdb"] = shot.epoch.iso(TimeScale::tdb, 6, false);
   out["ra_deg"] = pointing.ra_rad / kDegree;
@@ -98,12 +104,12 @@ Json truth(const Shot& shot, const Options& options) {
   Json sources = Json::array();
   for (const render::RenderedSource& s : shot.sources) {
     if (!on_detector(shot.camera.intrinsics, s.pixel)) continue;
-    const bool planet = s.source.kind == sky::SourceKind::planet;
+    const bool star = s.source.kind == sky::SourceKind::star;
     const RaDec place = radec_from_direction(s.source.direction_N);
     Json one;
     one["id"] = s.source.id;
-    one["kind"] = planet ? "planet" : "star";
-    if (planet) one["name"] = body_name(BodyId{static_cast<std::int32_t>(s.source.id)});
+    one["kind"] = star ? "star" : s.source.kind == sky::SourceKind::planet ? "planet" : "small_body";
+    if (!star) one["name"] = body_name(BodyId{static_cast<std::int32_t>(s.source.id)});
     one["u_px"] = s.pixel.u;
     one["v_px"] = s.pixel.v;
     one["ra_deg"] = place.ra_rad / kDegree;
@@ -149,6 +155,31 @@ void report(const Shot& shot, const Options& options) {
              shot.camera.intrinsics.height_px, shot.camera.name, stars, options.max_v, list);
 }
 
+Result<render::Effects> effects_of(const Options& options) {
+  render::Effects effects = options.no_noise ? render::Effects::expected() : render::Effects{};
+  for (const std::string& name : options.without) {
+    bool* const on = render::effect(effects, name);
+    if (on == nullptr) {
+      const auto known = render::effect_names();
+      return fail(ErrorCode::invalid_argument, "no effect is called '{s}'?", {}, "--without",
+                  fmt::format("{}'; did you mean '{}", name, *nearest_word(name, known)));
+    }
+    *on = false;
+  }
+  return effects;
+}
+
+// X,Y,Z in degrees a second, in rad/s.
+Result<Vec3> parse_rate(const std::string& text) {
+  Vec3 rate;
+  char rest = 0;
+  if (std::sscanf(text.c_str(), "%lf,%lf,%lf%c", &rate.x(), &rate.y(), &rate.z(), &rest) != 3 ||
+      !(rate.norm() <= 360.0)) {
+    return fail(ErrorCode::invalid_argument, "'{s}' is not X,Y,Z in degrees a second", {}, {}, text);
+  }
+  return rate * kDegree;
+}
+
 Result<int> run(const Options& options) {
   const std::string extension = std::filesystem::path(options.out).extension().string();
   if (extension != ".png" && extension != ".fits" && extension != ".fit") {
@@ -174,26 +205,39 @@ Result<int> run(const Options& options) {
   shot.epoch = *epoch;
   shot.observer_O = *state;
   shot.R_CN = R_CN_from_pointing(*pointing);
-  shot.exposure_s = options.exposure_ms > 0.0 ? options.exposure_ms * 1e-3 : shot.camera.exposure_s;
+  shot.exposure.duration_s = options.exposure_ms > 0.0 ? options.exposure_ms * 1e-3 : shot.camera.exposure_s;
+
+  const auto effects = effects_of(options);
+  if (!effects) return forward(effects);
+  shot.effects = *effects;
+  if (!options.rate.empty()) {
+    const auto rate = parse_rate(options.rate);
+    if (!rate) return forward(rate, "--rate");
+    shot.exposure.rate_C_rad_s = *rate;
+  }
+  // For stray light; a kernel without the Sun has none.
+  if (const auto sun = light_time((*kernels)->ephemeris, body::sun, shot.observer_O, shot.epoch)) {
+    shot.exposure.sun_C_m = shot.R_CN * sun->relative.p_m;
+  }
 
   sky::SkySettings settings;
   settings.max_v_mag = options.max_v;
   settings.aberration = !options.no_aberration;
   settings.centre_of_light = !options.centre_of_figure;
   const double margin_px = 20.0;
-  const double radius_rad =
-      shot.camera.intrinsics.half_diagonal_rad() + 2.0 * margin_px * shot.camera.intrinsics.plate_scale_rad_px();
+  const double radius_rad = shot.camera.intrinsics.half_diagonal_rad() +
+                            2.0 * margin_px * shot.camera.intrinsics.plate_scale_rad_px() +
+                            0.5 * shot.exposure.rate_C_rad_s.norm() * shot.exposure.duration_s;
   const auto seen = sky::Sky((*kernels)->ephemeris, catalogue->stars)
                         .look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), radius_rad,
                               BandPhotometry(shot.camera), settings);
   if (!seen) return forward(seen);
-  shot.sources = render::place_sources(*seen, shot.camera, shot.R_CN, shot.exposure_s, margin_px);
+  shot.sources = render::place_sources(*seen, shot.camera, shot.R_CN, shot.exposure, margin_px, shot.effects);
 
   const render::Renderer renderer(shot.camera, options.seed);
   ImageU16 frame;
-  renderer.frame(shot.sources, {.duration_s = shot.exposure_s},
-                 {.seed = options.seed, .sample = 0, .image = 0, .purpose = ""}, frame,
-                 options.no_noise ? render::Effects::expected() : render::Effects{});
+  renderer.frame(shot.sources, shot.exposure, {.seed = options.seed, .sample = 0, .image = 0, .purpose = ""}, frame,
+                 shot.effects);
   if (const auto stored = store(shot, options, frame); !stored) return forward(stored);
   if (!options.truth.empty()) {
     const auto stored = write_file(options.truth, truth(shot, options).dump(1) + "\n");
@@ -220,6 +264,8 @@ void add_render(CLI::App& app, Invocation& invocation) {
   sub->add_option("--pointing", options->pointing, "RA,DEC,ROLL of the boresight in degrees, ICRF, apparent")
       ->required();
   sub->add_option("--exposure-ms", options->exposure_ms, "default: the camera's own")->check(number_within(1e-6, 1e7));
+  sub->add_option("--rate", options->rate, "X,Y,Z turning of the camera in its axes, degrees a second: stars smear");
+  sub->add_option("--without", options->without, "effects to leave out, such as shot, read, psf_aberrations, blooming");
   sub->add_option("--seed", options->seed, "of detector and noise")->check(seed_number())->capture_default_str();
   sub->add_option("--max-v", options->max_v, "faintest stars")->check(number_within(-2.0, 20.0))->capture_default_str();
   sub->add_option("--out", options->out, "FILE.fits (with WCS) or FILE.png (16 bit, values are DN)")->required();

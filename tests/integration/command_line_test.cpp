@@ -238,6 +238,9 @@ const std::vector<Bad> kBad{
      "--exposure-ms: 'nan' is not a number"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --exposure-ms -1", "'-1' is not a number"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --max-v nan", "--max-v: 'nan' is not a number"},
+    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --rate 1,2", "'1,2' is not X,Y,Z in degrees a second"},
+    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --rate 1,nan,2", "is not X,Y,Z in degrees a second"},
+    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --without rain", "no effect is called 'rain'; did you mean 'read'"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --seed -1", "'-1' is not a seed"},
 
     {"solve", "images is required"},

@@ -61,6 +61,7 @@ Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& w
   eyes->index_ = *index;
   eyes->vision_ = std::make_unique<vision::Vision>(vision_settings(s), believed.intrinsics,
                                                    vision::SensorModel::from(believed), eyes->field_, eyes->index_);
+  eyes->known_latency_s_ = 1e-3 * believed.detector.time_tag_latency_ms;
   eyes->frame_ = ImageU16(believed.intrinsics.width_px, believed.intrinsics.height_px);
   return eyes;
 }
@@ -75,12 +76,21 @@ Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_
       world_.sky().look(event.epoch, truth_O, boresight_N, camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree,
                         world_.band(), world_.sky_settings());
   if (!sky) return forward(sky);
-  sources_ = render::place_sources(*sky, camera, R_CN, camera.exposure_s);
-  world_.renderer().frame(sources_, {.duration_s = camera.exposure_s}, noise, frame_);
+  render::Exposure exposure{.duration_s = camera.exposure_s};
+  if (camera.optics.stray_light_e_s_px > 0.0) {
+    const auto sun = light_time(world_.ephemeris(), body::sun, truth_O, event.epoch);
+    if (!sun) return forward(sun);
+    exposure.sun_C_m = R_CN * sun->relative.p_m;
+  }
+  sources_ = render::place_sources(*sky, camera, R_CN, exposure);
+  world_.renderer().frame(sources_, exposure, noise, frame_);
   records.stage_ms_sum.render += milliseconds_since(before);
 
+  // What the onboard software believes the time to be: the frame's tag, less the latency that it knows of.
+  const Epoch tagged =
+      event.epoch + Duration::seconds(render::time_tag_error_s(camera.detector, noise) - known_latency_s_);
   before = std::chrono::steady_clock::now();
-  const auto look = navigator.look(std::as_const(frame_).view(), event.epoch, beacon);
+  const auto look = navigator.look(std::as_const(frame_).view(), tagged, beacon);
   if (!look) return forward(look);
   const double onboard_ms = milliseconds_since(before);
   const vision::StageTimes& stages = look->frame->time_ms;

@@ -44,6 +44,7 @@ class Eyes {
   std::unique_ptr<vision::Vision> vision_;
   std::vector<render::RenderedSource> sources_;
   ImageU16 frame_;
+  double known_latency_s_ = 0.0;  // of the frames' time tags
 };
 
 }  // namespace astronav::loop
