@@ -14,6 +14,8 @@ declare -A leaves=(
   [04_fly_a_mission]="first/report.html first/estimate.oem sights/summary.json again/summary.json"
   [05_own_camera_own_scenario]="small.fits venus.oem venus/report.html"
   [06_small_campaign]="ten/report.html ten/samples.csv"
+  [07_python_closed_loop]="loop.csv"
+  [08_cpp_client]="loop.csv"
 )
 for script in "$examples"/*/run.sh; do
   name=$(basename "$(dirname "$script")")
