@@ -63,6 +63,8 @@ struct OnboardEyes {
 // bench_frames.cpp
 Result<Figure> render_fps_1024(Bench& bench);
 Result<Figure> render_fps_2048(Bench& bench);
+Result<Figure> render_frame_ms_1024(Bench& bench);
+Result<Figure> render_two_threads(Bench& bench);
 Result<Figure> vision_ms_lost_in_space_1024(Bench& bench);
 Result<Figure> vision_ms_tracked_1024(Bench& bench);
 Result<Figure> attitude_cross_arcsec(Bench& bench);
@@ -78,5 +80,9 @@ Result<Figure> ephemeris_states_per_s(Bench& bench);
 Result<Figure> cone_search_us(Bench& bench);
 Result<Figure> mission_s(Bench& bench);
 Result<Figure> onboard_memory_mb(Bench& bench);
+
+// bench_server.cpp
+Result<Figure> server_share_of_renderer(Bench& bench);
+Result<Figure> server_latency_ms(Bench& bench);
 
 }  // namespace astronav::cli::bench

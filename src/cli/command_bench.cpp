@@ -35,6 +35,8 @@ struct Entry {
 constexpr std::array kEntries{
     Entry{"render_fps_1024", bench::render_fps_1024, 1.5},
     Entry{"render_fps_2048", bench::render_fps_2048, 2.0},
+    Entry{"render_frame_ms_1024", bench::render_frame_ms_1024, 1.2},
+    Entry{"render_two_threads", bench::render_two_threads, 5.0},
     Entry{"vision_ms_lost_in_space_1024", bench::vision_ms_lost_in_space_1024, 5.0},
     Entry{"vision_ms_tracked_1024", bench::vision_ms_tracked_1024, 0.1},
     Entry{"attitude_cross_arcsec", bench::attitude_cross_arcsec, 0.1},
@@ -48,6 +50,8 @@ constexpr std::array kEntries{
     Entry{"cone_search_us", bench::cone_search_us, 1.2},
     Entry{"mission_s", bench::mission_s, 40.0},
     Entry{"onboard_memory_mb", bench::onboard_memory_mb, 0.5},
+    Entry{"server_share_of_renderer", bench::server_share_of_renderer, 6.5},
+    Entry{"server_latency_ms", bench::server_latency_ms, 4.0},
 };
 
 Result<std::vector<Entry>> choose(const std::vector<std::string>& only) {

@@ -373,9 +373,12 @@ Result<void> Client::receive(Frame& frame) {
   double exposure_ms = 0.0;
   read(json, "exposure_ms", exposure_ms);
   frame.exposure_s = exposure_ms * 1e-3;
-  std::string epoch_text;
-  read(json, "epoch_tdb", epoch_text);
-  if (const auto epoch = Epoch::parse(epoch_text, TimeScale::tdb)) frame.epoch = *epoch;
+  for (const auto& [field, epoch] :
+       {std::pair{"epoch_tdb", &frame.epoch}, std::pair{"time_tag_tdb", &frame.time_tag}}) {
+    std::string text;
+    read(json, field, text);
+    if (const auto said = Epoch::parse(text, TimeScale::tdb)) *epoch = *said;
+  }
   if (const auto q = json.find("q_NC"); q != json.end() && q->is_object()) {
     read(*q, "w", frame.q_NC.w);
     read(*q, "x", frame.q_NC.x);

@@ -67,6 +67,7 @@ struct Frame {
   int width_px = 0;
   int height_px = 0;
   Epoch epoch;
+  Epoch time_tag;  // the middle of the exposure by the camera's own clock
   double exposure_s = 0.0;
   Quaternion q_NC;
   ImageU16 dn;       // one of the three, by the format

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <memory>
@@ -60,7 +61,9 @@ class Engine {
   const Registry registry;
   const Studio studio;
   const unsigned workers;
-  std::shared_ptr<const Scene> latest;  // what a session was shown last
+  // What a session was shown last, and how many pictures there have been.
+  std::shared_ptr<const Scene> latest;
+  std::uint64_t frames = 0;
 
  private:
   void pump();

@@ -325,6 +325,18 @@ std::string_view name(PixelFormat format) {
   return kFormats[static_cast<std::size_t>(format)];
 }
 
+Scene first_settings(const Registry& registry) {
+  Scene scene;
+  if (const auto camera = registry.cameras.find("extrema-20deg"); camera != registry.cameras.end()) {
+    scene.camera = std::make_shared<const Scene::NamedCamera>(camera->first, camera->second);
+  }
+  if (!registry.parse_observer) return scene;
+  if (auto earth = registry.parse_observer("earth")) {
+    scene.observer = Scene::NamedObserver{"earth", std::make_shared<const Observer>(std::move(*earth))};
+  }
+  return scene;
+}
+
 Result<void> read_scene(const Json& object, std::span<const std::string_view> others, const Registry& registry,
                         const Limits& limits, Scene& scene) {
   if (object.contains("camera") && object.contains("camera_toml")) {

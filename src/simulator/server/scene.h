@@ -74,6 +74,8 @@ struct Scene {
   bool truth = false;
 };
 
+// What a session begins with, as far as the registry has it: the camera extrema-20deg, the Earth as observer.
+Scene first_settings(const Registry& registry);
 // Reads scene fields from a JSON object; fields listed in `others` belong to the request and are passed over, all else
 // is refused with its nearest known name. On an error the scene is left half read. Errors carry the field in `where`.
 Result<void> read_scene(const nlohmann::json& object, std::span<const std::string_view> others,

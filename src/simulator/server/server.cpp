@@ -9,6 +9,7 @@
 #include <asio.hpp>
 
 #include "simulator/server/engine.h"
+#include "simulator/server/live_view.h"
 #include "simulator/server/session.h"
 
 namespace astronav::server {
@@ -16,7 +17,8 @@ namespace {
 
 using asio::ip::tcp;
 
-constexpr std::size_t kMostRefused = 32;  // at a time, being told why
+constexpr std::size_t kMostRefused = 32;   // at a time, being told why
+constexpr std::size_t kMostBrowsers = 32;  // connections
 constexpr auto kTick = std::chrono::milliseconds(100);
 constexpr auto kAcceptPause = std::chrono::milliseconds(200);
 
@@ -43,21 +45,24 @@ struct Server::Parts {
       : settings(s),
         engine(workers, s.limits, std::move(registry), ephemeris, stars),
         acceptor(engine.io),
+        web_acceptor(engine.io),
         ticker(engine.io),
         accept_pause(engine.io),
+        web_pause(engine.io),
         signals(engine.io) {}
 
   void accept();
+  void accept_web();
   void tick();
   void stop();
 
   const ServerSettings settings;
   Engine engine;
-  tcp::acceptor acceptor;
-  asio::steady_timer ticker;
-  asio::steady_timer accept_pause;
+  tcp::acceptor acceptor, web_acceptor;
+  asio::steady_timer ticker, accept_pause, web_pause;
   asio::signal_set signals;
   std::list<std::shared_ptr<Session>> sessions, refused;
+  std::list<std::shared_ptr<WebConnection>> browsers;
   bool stopping = false;
   Clock::time_point stop_due;
 };
@@ -90,6 +95,26 @@ void Server::Parts::accept() {
   });
 }
 
+void Server::Parts::accept_web() {
+  web_acceptor.async_accept([this](asio::error_code error, tcp::socket socket) {
+    if (stopping || error == asio::error::operation_aborted) return;
+    if (error) {
+      web_pause.expires_after(kAcceptPause);
+      web_pause.async_wait([this](asio::error_code cancelled) {
+        if (!cancelled) accept_web();
+      });
+      return;
+    }
+    browsers.remove_if([](const auto& browser) { return browser->closed(); });
+    if (browsers.size() < kMostBrowsers) {  // else it is closed at once
+      const bool loopback = web_acceptor.local_endpoint(error).address().is_loopback();
+      browsers.push_back(std::make_shared<WebConnection>(engine, std::move(socket), settings.token, loopback));
+      browsers.back()->start();
+    }
+    accept_web();
+  });
+}
+
 void Server::Parts::tick() {
   ticker.expires_after(kTick);
   ticker.async_wait([this](asio::error_code error) {
@@ -102,7 +127,12 @@ void Server::Parts::tick() {
       }
       list->remove_if([](const auto& session) { return session->closed(); });
     }
-    if (stopping && sessions.empty() && refused.empty()) {
+    for (const auto& browser : browsers) {
+      browser->tick(now);
+      if (stopping && now > stop_due) browser->close();
+    }
+    browsers.remove_if([](const auto& browser) { return browser->closed(); });
+    if (stopping && sessions.empty() && refused.empty() && browsers.empty()) {
       engine.io.stop();
     } else {
       tick();
@@ -116,9 +146,12 @@ void Server::Parts::stop() {
   stop_due = Clock::now() + in_seconds(settings.drain_s);
   asio::error_code ignored;
   acceptor.close(ignored);
+  web_acceptor.close(ignored);
   accept_pause.cancel();
+  web_pause.cancel();
   signals.cancel(ignored);
   for (const auto& session : sessions) session->drain();
+  for (const auto& browser : browsers) browser->drain();
 }
 
 Result<std::unique_ptr<Server>> Server::create(const ServerSettings& settings, Registry registry,
@@ -142,6 +175,12 @@ Result<std::unique_ptr<Server>> Server::create(const ServerSettings& settings, R
   auto acceptor = listen(parts->engine.io, address, settings.port);
   if (!acceptor) return forward(acceptor);
   parts->acceptor = std::move(*acceptor);
+  if (settings.web_port) {
+    auto web = listen(parts->engine.io, address, *settings.web_port);
+    if (!web) return forward(web);
+    parts->web_acceptor = std::move(*web);
+    parts->accept_web();
+  }
   if (settings.stop_on_signals) {
     parts->signals.add(SIGINT, error);
     if (!error) parts->signals.add(SIGTERM, error);
@@ -165,7 +204,8 @@ std::uint16_t Server::port() const {
   return parts_->acceptor.local_endpoint(ignored).port();
 }
 std::uint16_t Server::web_port() const {
-  return 0;
+  asio::error_code ignored;
+  return parts_->web_acceptor.is_open() ? parts_->web_acceptor.local_endpoint(ignored).port() : std::uint16_t{0};
 }
 
 void Server::run() {

@@ -95,6 +95,7 @@ class RunningServer {
     }
     server_ = std::move(*made);
     port_ = server_->port();
+    web_port_ = server_->web_port();
     thread_ = std::thread([this] { server_->run(); });
   }
   ~RunningServer() {
@@ -105,6 +106,7 @@ class RunningServer {
   }
   Server& server() { return *server_; }
   std::uint16_t port() const { return port_; }
+  std::uint16_t web_port() const { return web_port_; }
   void join() { thread_.join(); }
 
   Client client(const std::string& token = {}) const {
@@ -118,7 +120,7 @@ class RunningServer {
 
  private:
   std::unique_ptr<Server> server_;
-  std::uint16_t port_ = 0;
+  std::uint16_t port_ = 0, web_port_ = 0;
   std::thread thread_;
 };
 

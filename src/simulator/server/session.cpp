@@ -38,6 +38,7 @@ std::string frame_json(std::uint64_t id, std::optional<std::uint64_t> index, con
   out["width_px"] = k.width_px;
   out["height_px"] = k.height_px;
   out["epoch_tdb"] = shot.epoch.iso(TimeScale::tdb, 9, false);
+  out["time_tag_tdb"] = shot.time_tag.iso(TimeScale::tdb, 9, false);
   out["exposure_ms"] = 1e3 * shot.exposure_s;
   out["q_NC"] = {{"w", q_NC.w}, {"x", q_NC.x}, {"y", q_NC.y}, {"z", q_NC.z}};
   if (with_truth) out["truth"] = truth(shot);
@@ -69,19 +70,6 @@ std::string welcome_json(std::uint64_t id, const Engine& engine) {
   out["cameras"] = std::move(cameras);
   out["observers"] = std::move(observers);
   return out.dump(-1, ' ', false, Json::error_handler_t::replace);
-}
-
-// What a session begins with, where the server has it.
-Scene first_settings(const Registry& registry) {
-  Scene scene;
-  if (const auto camera = registry.cameras.find("extrema-20deg"); camera != registry.cameras.end()) {
-    scene.camera = std::make_shared<const Scene::NamedCamera>(camera->first, camera->second);
-  }
-  if (!registry.parse_observer) return scene;
-  if (auto earth = registry.parse_observer("earth")) {
-    scene.observer = Scene::NamedObserver{"earth", std::make_shared<const Observer>(std::move(*earth))};
-  }
-  return scene;
 }
 
 }  // namespace
@@ -367,7 +355,10 @@ std::optional<Job> Session::picture(std::uint64_t id, const Scene& scene, const 
   };
   auto done = [self = shared_from_this(), place, kept] {
     place->ready = true;
-    if (!place->failed) self->engine_.latest = kept;
+    if (!place->failed) {
+      self->engine_.latest = kept;
+      ++self->engine_.frames;
+    }
     self->flush();
     self->engine_.ready(self);
     self->finish_if_done();

@@ -21,6 +21,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kMarginPx = 20.0;
 constexpr double kMaxSmearRad = 30.0 * kDegree;
+constexpr double kChartMag = 4.5;
 
 // The raster library writes 16-bit PNG to files; this one lives as long as the call.
 Result<std::string> png16(ImageView<const std::uint16_t> image) {
@@ -185,6 +186,8 @@ Result<void> Studio::take(const Scene& scene, Shot& shot) const {
   shot.exposure_s = scene.exposure_s > 0.0 ? scene.exposure_s : camera->camera->exposure_s;
   shot.seed = scene.seed;
   shot.format = scene.format;
+  const StreamId noise{.seed = scene.seed, .sample = scene.sample, .image = scene.image, .purpose = ""};
+  shot.time_tag = *scene.epoch + Duration::seconds(render::time_tag_error_s(camera->camera->detector, noise));
 
   const double smear_rad = scene.rate_C_rad_s.norm() * shot.exposure_s;
   if (smear_rad > kMaxSmearRad) {
@@ -208,15 +211,74 @@ Result<void> Studio::take(const Scene& scene, Shot& shot) const {
     camera->renderer.electrons(shot.sources, exposure, shot.electrons, scene.effects);
     return {};
   }
-  camera->renderer.frame(shot.sources, exposure,
-                         {.seed = scene.seed, .sample = scene.sample, .image = scene.image, .purpose = ""}, shot.dn,
-                         scene.effects);
+  camera->renderer.frame(shot.sources, exposure, noise, shot.dn, scene.effects);
   if (scene.format == PixelFormat::png) {
     auto png = png16(shot.dn.view());
     if (!png) return forward(png);
     shot.png = std::move(*png);
   }
   return {};
+}
+
+Result<Json> Studio::surroundings(const Scene& scene, Shot& shot) const {
+  Scene bare = scene;
+  bare.format = PixelFormat::none;
+  if (auto taken = take(bare, shot); !taken) return forward(taken);
+  const auto place = [](const Vec3& direction) -> Json {
+    const RaDec at = radec_from_direction(direction);
+    return {std::round(at.ra_rad / kDegree * 1e4) / 1e4, std::round(at.dec_rad / kDegree * 1e4) / 1e4};
+  };
+  Json out;
+  out["epoch_tdb"] = shot.epoch.iso(TimeScale::tdb, 3, false);
+  const Pointing pointing = pointing_from_R_CN(shot.R_CN);
+  out["ra_deg"] = pointing.ra_rad / kDegree;
+  out["dec_deg"] = pointing.dec_rad / kDegree;
+  out["roll_deg"] = pointing.roll_rad / kDegree;
+  const Quaternion q_NC = to_quaternion(shot.R_CN.transpose());
+  out["q_NC"] = {{"w", q_NC.w}, {"x", q_NC.x}, {"y", q_NC.y}, {"z", q_NC.z}};
+  out["observer_km"] = xyz(shot.observer_O.p_m, 1e3);
+
+  // The outline, clockwise; where the lens has no inverse a point is left out.
+  const Intrinsics& k = shot.camera->intrinsics;
+  Json field = Json::array();
+  constexpr int kSteps = 16;
+  for (int i = 0; i < 4 * kSteps; ++i) {
+    const double t = static_cast<double>(i % kSteps) / kSteps;
+    const int side = i / kSteps;
+    const double u = side == 0 ? t : side == 1 ? 1.0 : side == 2 ? 1.0 - t : 0.0;
+    const double v = side == 0 ? 0.0 : side == 1 ? t : side == 2 ? 1.0 : 1.0 - t;
+    const auto direction = unproject(k, {u * k.width_px - 0.5, v * k.height_px - 0.5});
+    if (direction) field.push_back(place(shot.R_CN.transpose() * *direction));
+  }
+  out["field"] = std::move(field);
+
+  sky::SkySettings settings = scene.sky;
+  settings.max_v_mag = kChartMag;
+  const auto all =
+      sky::Sky(*ephemeris_, *stars_)
+          .look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), kPi, ready(scene)->band, settings);
+  if (!all) return forward(all, "epoch");
+  Json stars = Json::array(), bodies = Json::array();
+  for (const sky::SkySource& s : *all) {
+    Json at = place(s.direction_N);
+    if (s.kind == sky::SourceKind::star) {
+      at.push_back(std::round(s.v_mag * 100.0) / 100.0);
+      stars.push_back(std::move(at));
+      continue;
+    }
+    const std::string_view known = body_name(BodyId{static_cast<std::int32_t>(s.id)});
+    bodies.push_back({{"name", known.empty() ? std::to_string(s.id) : std::string(known)},
+                      {"ra_deg", at[0]},
+                      {"dec_deg", at[1]},
+                      {"mag", std::round(s.v_mag * 100.0) / 100.0}});
+  }
+  out["stars"] = std::move(stars);
+  out["bodies"] = std::move(bodies);
+  if (const auto sun = light_time(*ephemeris_, body::sun, shot.observer_O, shot.epoch)) {
+    const Json at = place(sun->relative.p_m);
+    out["sun"] = {{"ra_deg", at[0]}, {"dec_deg", at[1]}, {"distance_km", sun->relative.p_m.norm() * 1e-3}};
+  }
+  return out;
 }
 
 }  // namespace astronav::server

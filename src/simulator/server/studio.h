@@ -27,6 +27,7 @@ namespace astronav::server {
 struct Shot {
   std::shared_ptr<const Camera> camera;
   Epoch epoch;
+  Epoch time_tag;  // what the camera's clock says of it
   State observer_O;
   Mat3 R_CN = Mat3::Identity();
   double exposure_s = 0.0;
@@ -53,6 +54,9 @@ class Studio {
 
   // Safe to call from several threads; they wait for one another only where two want the same new camera.
   Result<void> take(const Scene& scene, Shot& shot) const;
+  // What is around: stars to V 4.5, planets and the Sun in all directions, and the outline of the camera's field. Fills
+  // the shot as take() does for a scene without a picture.
+  Result<nlohmann::ordered_json> surroundings(const Scene& scene, Shot& shot) const;
   // Cameras made ready so far, those that have left included.
   std::size_t cameras_made() const;
 
