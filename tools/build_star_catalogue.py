@@ -7,7 +7,8 @@
     tools/build_star_catalogue.py --d3 package/data/stars.14.json --out data/hipparcos.stars
 
 Places, proper motions and parallaxes come from the first source; V and B-V (to 0.01) and the places where the first is
-known to be wrong come from the second. The same input gives the same bytes.
+known to be wrong come from the second. Double stars closer than 10 arcsec become one star with the light of all
+components at their centre of light; farther components become stars of their own. The same input gives the same bytes.
 """
 import argparse
 import hashlib
@@ -26,6 +27,14 @@ FIRST_MAGNITUDE = [-2.0, 6.0, 7.5]
 # Colour indices that stand for "unknown": of 1,277 stars without a colour elsewhere 282 have index 16 (B-V 0.004), while
 # its neighbours have 18 and 6.
 NO_COLOUR_INDEX = (0, 16)
+# Components closer than this are one star to a wide-field camera.
+BLEND_ARCSEC = 10.0
+ARCSEC = 206264.80625
+COMPANION = 3_000_000_000  # + 10 HIP + running number: a component that has no Hipparcos number of its own
+# Components have magnitudes Hp. Hp - V by B-V: medians of the single stars among the original lines to V 6.6.
+HP_V_COLOUR = [-0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7]
+HP_V = [-0.066, -0.027, 0.008, 0.039, 0.063, 0.077, 0.093, 0.110, 0.127, 0.138, 0.149, 0.160, 0.165, 0.167, 0.165, 0.157,
+        0.143, 0.124, 0.092, 0.083]
 
 
 def unit(v):
@@ -83,17 +92,19 @@ def read_stellarium(folder):
         levels.append(read_level(folder / f"stars_{level}_0v0_8.cat", level, triangles))
         triangles = children(triangles)
     stars = {key: np.concatenate([part[key] for part in levels]) for key in levels[0]}
-    # The brightest component of each Hipparcos number; number 0 is not Hipparcos.
+    # By Hipparcos number, the brightest component of each first; number 0 is not Hipparcos.
     order = np.lexsort((np.arange(len(stars["hip"])), stars["v"], stars["hip"]))
-    hip = stars["hip"][order]
-    first = np.r_[True, hip[1:] != hip[:-1]] & (hip > 0)
-    return {key: values[order][first] for key, values in stars.items()}
+    order = order[stars["hip"][order] > 0]
+    stars = {key: values[order] for key, values in stars.items()}
+    first = np.r_[True, stars["hip"][1:] != stars["hip"][:-1]]
+    components = {key: values.copy() for key, values in stars.items()}
+    return {key: values[first] for key, values in stars.items()}, components
 
 
-def repair_with_d3(stars, path):
+def repair_with_d3(stars, components, path):
     features = json.loads(path.read_text())["features"]
     row = {int(hip): i for i, hip in enumerate(stars["hip"])}
-    without_colour = replaced = matched = 0
+    without_colour = replaced = swapped = matched = 0
     for feature in features:
         i = row.get(int(feature["id"]))
         if i is None:
@@ -102,8 +113,18 @@ def repair_with_d3(stars, path):
         ra, dec = np.radians(feature["geometry"]["coordinates"])
         place = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
         if np.linalg.norm(place - stars["direction"][i]) > CHORD_OF_HALF_ARCSECOND:
-            stars["direction"][i] = place
-            replaced += 1
+            # Of a pair of equals the number may have its place from the other one; proper motion may look like that.
+            part = slice(*np.searchsorted(components["hip"], [stars["hip"][i], stars["hip"][i] + 1]))
+            others = components["direction"][part]
+            nearest = np.argmin(np.linalg.norm(place - others, axis=1))
+            equal = components["v"][part][nearest] - components["v"][part][0] < 0.2
+            slow = np.linalg.norm(stars["motion"][i]) < 50  # mas/yr
+            if equal and slow and np.linalg.norm(place - others[nearest]) < CHORD_OF_HALF_ARCSECOND:
+                stars["direction"][i] = others[nearest]
+                swapped += 1
+            else:
+                stars["direction"][i] = place
+                replaced += 1
         stars["v"][i] = float(feature["properties"]["mag"])
         colour = feature["properties"]["bv"]
         if colour:
@@ -113,7 +134,45 @@ def repair_with_d3(stars, path):
             if round((stars["bv"][i] + 0.5) * 127 / 4) in NO_COLOUR_INDEX:
                 stars["bv"][i] = np.nan
     print(f"{len(row)} stars, {matched} with V from d3-celestial, {without_colour} of them without its colour, "
-          f"{replaced} places replaced")
+          f"{replaced} places replaced, {swapped} numbers given to the other component")
+
+
+def blend(stars, components):
+    """Puts double stars at their centre of light, and returns the far components as stars of their own.
+
+    V of a number counts its near components already (Hp of the whole number agrees with it in the original lines) and the
+    far ones not (Mizar: V 2.23 is that of A)."""
+    begins = np.searchsorted(components["hip"], stars["hip"])
+    ends = np.searchsorted(components["hip"], stars["hip"], side="right")
+    order = np.argsort(stars["direction"][:, 2])
+    height = stars["direction"][order, 2]
+    blended = 0
+    companions = []
+    for i in np.flatnonzero(ends - begins > 1):
+        part = slice(begins[i], ends[i])
+        hp, place = components["v"][part], components["direction"][part]
+        # From the component that gives the number its place; the brightest where another source gives it.
+        base = np.argmax(np.all(place == stars["direction"][i], axis=1))
+        step = place - place[base]
+        near = np.linalg.norm(step, axis=1) * ARCSEC < BLEND_ARCSEC
+        light = 10 ** (-0.4 * hp[near])
+        own_place = stars["direction"][i].copy()
+        stars["direction"][i] = unit(own_place + (light[:, None] * step[near]).sum(axis=0) / light.sum())
+        blended += bool(near.sum() > 1)
+        colour = stars["bv"][i] if np.isfinite(stars["bv"][i]) else 0.65
+        for k in np.flatnonzero(~near):
+            own = unit(own_place + step[k])
+            # Not where another number of the catalogue stands.
+            low, high = np.searchsorted(height, [own[2] - 5e-5, own[2] + 5e-5])
+            around = order[low:high]
+            if np.any(np.linalg.norm(stars["direction"][around] - own, axis=1) * ARCSEC < BLEND_ARCSEC / 2):
+                continue
+            companions.append(dict(hip=COMPANION + 10 * int(stars["hip"][i]) + int(k), direction=own,
+                                   motion=stars["motion"][i], parallax=stars["parallax"][i],
+                                   v=hp[k] - float(np.interp(colour, HP_V_COLOUR, HP_V)), bv=np.nan))
+    print(f"{blended} double stars at their centre of light; {len(companions)} components are stars of their own")
+    return {key: np.concatenate([values, np.array([c[key] for c in companions]).astype(values.dtype)])
+            for key, values in stars.items()}
 
 
 def cells_of(direction, n):
@@ -168,8 +227,9 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, required=True)
     args = parser.parse_args()
 
-    stars = read_stellarium(args.stellarium)
-    repair_with_d3(stars, args.d3)
+    stars, components = read_stellarium(args.stellarium)
+    repair_with_d3(stars, components, args.d3)
+    stars = blend(stars, components)
     data = encode(stars, "Hipparcos (ESA 1997)")
     args.out.write_bytes(data)
     digest = hashlib.sha256(data).hexdigest()
