@@ -41,9 +41,10 @@ struct Inputs {
   opensky::CalibrationRequest request;
 };
 
-Result<opensky::FieldRange> parse_field(std::string text, bool fisheye) {
-  std::replace(text.begin(), text.end(), ':', ',');
-  const auto numbers = parse_numbers(text, 1, 2, "MIN:MAX");
+Result<opensky::FieldRange> parse_field(const std::string& text, bool fisheye) {
+  std::string commas = text;
+  std::replace(commas.begin(), commas.end(), ':', ',');
+  const auto numbers = parse_numbers(commas, 1, 2, "MIN:MAX");
   if (!numbers) return forward(numbers, "--fov");
   const double largest = fisheye ? 360.0 : 120.0;
   const double min = numbers->front(), max = numbers->back();

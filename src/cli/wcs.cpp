@@ -18,8 +18,9 @@
 namespace astronav::cli {
 namespace {
 
-// FITS names for the linear map from pixels to the tangent plane, and SIP polynomials where the camera distorts
-// (Shupe et al. 2005). The world is the apparent one: what this observer sees.
+// FITS names for the linear map from pixels to the plane of the projection (TAN for a pinhole, ARC for a fisheye), and
+// SIP polynomials where the camera distorts (Shupe et al. 2005). The world is the apparent one: what this observer
+// sees.
 class Wcs {
  public:
   Wcs(const Intrinsics& camera, const Mat3& R_CN, bool mirrored) : camera_(camera), right_(mirrored ? -1.0 : 1.0) {
@@ -31,8 +32,9 @@ class Wcs {
     const Vec3 right = right_ * R_CN.row(0).transpose();
     const Vec3 down = R_CN.row(1).transpose();
     const bool distorted = has_distortion();
-    text("CTYPE1", distorted ? "RA---TAN-SIP" : "RA---TAN", "apparent places of this observer");
-    text("CTYPE2", distorted ? "DEC--TAN-SIP" : "DEC--TAN", "");
+    const std::string projection = std::string(is_fisheye() ? "ARC" : "TAN") + (distorted ? "-SIP" : "");
+    text("CTYPE1", "RA---" + projection, "apparent places of this observer");
+    text("CTYPE2", "DEC--" + projection, "");
     text("CUNIT1", "deg", "");
     text("CUNIT2", "deg", "");
     text("RADESYS", "ICRS", "axes; aberration and light time are in the places");
@@ -51,11 +53,12 @@ class Wcs {
  private:
   static constexpr int kOrder = 5;
 
+  bool is_fisheye() const { return camera_.model == ProjectionModel::fisheye; }
   bool has_distortion() const {
     const Distortion& d = camera_.distortion;
     return d.k1 != 0.0 || d.k2 != 0.0 || d.k3 != 0.0 || d.p1 != 0.0 || d.p2 != 0.0;
   }
-  void text(const char* key, const char* value, const char* comment) {
+  void text(const char* key, const std::string& value, const char* comment) {
     cards_.push_back({.key = key, .text = value, .number = {}, .comment = comment});
   }
   void number(const std::string& key, double value, const char* comment) {
@@ -81,8 +84,11 @@ class Wcs {
         const auto direction = unproject(camera_, pixel);
         if (!direction) continue;
         seen.emplace_back(right_ * (pixel.u - camera_.cx_px), camera_.cy_px - pixel.v);
-        plane.emplace_back(right_ * camera_.fx_px * direction->x() / direction->z(),
-                           -camera_.fy_px * direction->y() / direction->z());
+        const double across = std::hypot(direction->x(), direction->y());
+        const double scale = !is_fisheye()    ? 1.0 / direction->z()
+                             : across > 1e-12 ? std::atan2(across, direction->z()) / across
+                                              : 1.0;
+        plane.emplace_back(right_ * camera_.fx_px * direction->x() * scale, -camera_.fy_px * direction->y() * scale);
       }
     }
     const auto fit = [&](const std::vector<Vec2>& from, const std::vector<Vec2>& to, const char* prefix_x,

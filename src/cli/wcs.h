@@ -13,8 +13,8 @@
 
 namespace astronav::cli {
 
-// TAN, with SIP polynomials (Shupe et al. 2005) where the camera distorts. `mirrored`: the picture's columns run the
-// other way, u_picture = width - 1 - u.
+// TAN of a pinhole, ARC of a fisheye, with SIP polynomials (Shupe et al. 2005) where the camera distorts. `mirrored`:
+// the picture's columns run the other way, u_picture = width - 1 - u.
 std::vector<FitsCard> wcs_cards(const Intrinsics& camera, const Mat3& R_CN, bool mirrored = false);
 
 // The camera that sees the sky as a FITS header says (TAN or TAN-SIP, CD matrix): fitted to the header's map over the

@@ -109,6 +109,10 @@ const std::vector<Hole> kHoles{
     {"solve frame.fits --catalog @", &kNoCatalogue},
     {"solve frame.fits --epoch 2026-11-22 --observer earth --kernel @", &kNoKernel},
     {"solve frame.fits --epoch 2026-11-22 --observer oem:@", &kNoOem},
+    {"calibrate camera @", &kNoPicture},
+    {"calibrate camera frame.fits --camera @", &kNoCamera},
+    {"calibrate camera frame.fits --catalog @", &kNoCatalogue},
+    {"calibrate camera frame.fits --epoch 2026-11-22 --observer earth --kernel @", &kNoKernel},
     {"centroids @", &kNoPicture},
     {"centroids frame.fits --camera @", &kNoCamera},
     {"catalog info --catalog @", &kNoCatalogue},
@@ -240,7 +244,8 @@ const std::vector<Bad> kBad{
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --max-v nan", "--max-v: 'nan' is not a number"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --rate 1,2", "'1,2' is not X,Y,Z in degrees a second"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --rate 1,nan,2", "is not X,Y,Z in degrees a second"},
-    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --without rain", "no effect is called 'rain'; did you mean 'read'"},
+    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --without rain",
+     "no effect is called 'rain'; did you mean 'read'"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --seed -1", "'-1' is not a seed"},
 
     {"solve", "images is required"},
@@ -256,6 +261,22 @@ const std::vector<Bad> kBad{
     {"solve frame.fits --epoch 2026-11-22 --observer marz", "'marz' is not an observer"},
     {"solve frame.fits --raw 10x10,u32,0", "is not a raw layout"},
     {"solve frame.fits --raw 99999x99999,u16le,0", "at most 200000000 in all"},
+
+    {"calibrate", "A subcommand is required"},
+    {"calibrate kamera", "did you mean 'astronav calibrate camera'?"},
+    {"calibrate camera", "images is required"},
+    {"calibrate camera frame.fits --fov nan", "'nan' is not MIN:MAX"},
+    {"calibrate camera frame.fits --fov 3:200", "'3:200' is no field of view"},
+    {"calibrate camera frame.fits --fisheye --fov 3:400", "0 < MIN <= MAX < 360"},
+    {"calibrate camera frame.fits --near 0,99,3", "a declination within 90 degrees"},
+    {"calibrate camera frame.fits --epoch soon", "'soon' is not an epoch"},
+    {"calibrate camera frame.fits --epoch 2026-11-22 --epoch 2026-11-23", "one epoch for all 1 images"},
+    {"calibrate camera frame.fits --observer earth", "only at an --epoch"},
+    {"calibrate camera frame.fits --epoch 2199-01-01 --observer earth", "the kernels do not reach"},
+    {"calibrate camera frame.fits --epoch 2026-11-22 --observer ground:91,0,0", "the latitude 91"},
+    {"calibrate camera frame.fits --raw 10x10,u32,0", "is not a raw layout"},
+    {"calibrate camera frame.fits --camera all-sky-fisheye --fov 0:10", "is no field of view"},
+    {"calibrate camera frame.fits --fov 19:21 --out nowhere/camera.toml", "cannot be written"},
 
     {"centroids", "image is required"},
     {"centroids frame.fits --sigma -1", "-1"},
@@ -414,6 +435,9 @@ TEST_F(CommandLine, EphemerisRefusesBadFiles) {
 }
 TEST_F(CommandLine, RenderRefusesBadFiles) {
   expect_files_refused("render");
+}
+TEST_F(CommandLine, CalibrateRefusesBadFiles) {
+  expect_files_refused("calibrate");
 }
 TEST_F(CommandLine, SolveRefusesBadFiles) {
   expect_files_refused("solve");

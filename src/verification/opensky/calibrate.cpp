@@ -17,18 +17,22 @@ constexpr double kZenithRadius = 30.0 * kDegree;
 constexpr FieldRange kAllSky{140.0 * kDegree, 230.0 * kDegree};  // across the shorter side
 constexpr double kPlanetMag = 6.5;                               // brighter ones are kept out of the stars
 constexpr double kPlanetRadiusPx = 10.0;
+constexpr double kSeenRadiusPx = 5.0;
 constexpr std::size_t kMaxSpots = 1500;
 
 // In order of their number of parameters.
-constexpr std::array<LensFreedom, 10> kModels{{{},
+constexpr std::array<LensFreedom, 13> kModels{{{},
                                                {.radial = 1},
                                                {.radial = 2},
+                                               {.radial = 1, .aspect = true},
                                                {.centre = true, .radial = 1},
                                                {.radial = 1, .tangential = true},
                                                {.centre = true, .radial = 2},
+                                               {.centre = true, .radial = 1, .aspect = true},
                                                {.centre = true, .radial = 1, .tangential = true},
                                                {.centre = true, .radial = 2, .tangential = true},
                                                {.centre = true, .radial = 3, .tangential = true},
+                                               {.centre = true, .radial = 2, .tangential = true, .aspect = true},
                                                {.centre = true, .radial = 3, .tangential = true, .aspect = true}}};
 
 struct View {
@@ -350,7 +354,7 @@ class Calibrator {
     if (!pixel || pixel->u < -0.5 || pixel->v < -0.5 || pixel->u > width_ - 0.5 || pixel->v > height_ - 0.5) return;
     const vision::Centroid* brightest = nullptr;
     for (const vision::Centroid& spot : view.spots) {
-      if ((spot.pixel.vec() - pixel->vec()).norm() > kPlanetRadiusPx) continue;
+      if ((spot.pixel.vec() - pixel->vec()).norm() > kSeenRadiusPx) continue;
       if (brightest == nullptr || spot.flux_dn > brightest->flux_dn) brightest = &spot;
     }
     ForetoldPlanet told{planet.body, as_in_picture(*pixel), planet.v_mag, {}};

@@ -50,7 +50,7 @@ struct ForetoldPlanet {
   BodyId body;
   Pixel predicted;  // as in the picture
   double v_mag = 0.0;
-  std::optional<Pixel> measured;  // the brightest spot within 10 pixels
+  std::optional<Pixel> measured;  // the brightest spot within 5 pixels
 };
 struct CalibratedFrame {
   std::optional<Error> error;  // then it took no part, and nothing below is told

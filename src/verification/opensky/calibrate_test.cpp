@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 
 #include <Eigen/LU>
 #include <gtest/gtest.h>
@@ -81,6 +82,12 @@ double surprise(const Intrinsics& found, const IntrinsicsCovariance& covariance,
   }
   const Eigen::MatrixXd part = covariance(rows, rows);
   return error.dot(part.fullPivLu().solve(error));
+}
+
+void tell(const char* what, const Calibration& found, const Intrinsics& truth) {
+  std::printf("%s: %zu stars, %.3f px rms, %.3f held out, chi-square %.1f of %d parameters\n", what, found.stars,
+              found.rms_px, found.held_out_rms_px, surprise(found.camera, found.covariance, found.freedom, truth),
+              found.freedom.count());
 }
 
 class CalibrateAdjust : public ::testing::TestWithParam<ProjectionModel> {};
@@ -232,6 +239,7 @@ TEST(CalibrateCamera, KnownPinholeComesBackWithinItsSigmas) {
   EXPECT_LT(found->held_out_rms_px, 0.2);
   EXPECT_LT(surprise(found->camera, found->covariance, found->freedom, truth),
             chi_square_quantile(1.0 - kFalseAlarm, found->freedom.count()));
+  tell("rendered pinhole", *found, truth);
   EXPECT_LT(std::sqrt(found->covariance(0, 0)), 0.2);  // of 2904 px: a covariance that says nothing would pass the rest
 }
 
@@ -271,6 +279,7 @@ TEST(CalibrateCamera, KnownFisheyeComesBackWithinItsSigmas) {
       0.2 * kDegree);
   EXPECT_LT(surprise(found->camera, found->covariance, found->freedom, truth),
             chi_square_quantile(1.0 - kFalseAlarm, found->freedom.count()));
+  tell("rendered fisheye", *found, truth);
   EXPECT_LT(std::sqrt(found->covariance(0, 0)), 0.3);
 }
 
