@@ -165,7 +165,18 @@ Result<int> import_tables(const Options& options) {
     }
     tables.push_back(std::move(*table));
   }
-  const auto stars = merge_star_tables(tables);
+  const auto index = [](const StarTable& t) { return t.kind == StarTableKind::tycho2_index; };
+  if (std::all_of(tables.begin(), tables.end(), index)) {
+    // An index knows neither the bright stars nor any motion.
+    const auto shipped = open_catalogue({});
+    if (!shipped) return forward(shipped);
+    auto table = read_star_table(shipped->file.bytes());
+    if (!table) return forward(table, shipped->file.path().string());
+    tables.push_back(std::move(*table));
+    source = "Hipparcos, " + source;
+  }
+  std::vector<Star> stars = merge_star_tables(tables);
+  std::erase_if(stars, [&](const Star& star) { return static_cast<double>(star.v_mag) > options.max_v + 1e-6; });
   const auto bytes = write_star_catalogue(stars, options.source.empty() ? source : options.source);
   if (!bytes) return forward(bytes);
   if (const auto written = write_file(options.out, *bytes); !written) return forward(written, options.out);
@@ -197,12 +208,15 @@ void add_catalog(CLI::App& app, Invocation& invocation) {
   }
   CLI::App* import_sub = sub->add_subcommand("import", "makes a catalogue file from published tables");
   import_sub->footer(
-      "Reads the Hipparcos main table (I/239, hip_main.dat) and Tycho-2 (I/259, tyc2.dat), plain or .gz. Tycho-2 "
-      "stars\n"
-      "that are in a Hipparcos table, too, are left out.\n"
-      "Example:\n  astronav catalog import hip_main.dat tyc2.dat.gz --out deep.stars");
+      "Reads the Hipparcos main table (I/239, hip_main.dat) and Tycho-2 (I/259, tyc2.dat), plain or .gz, catalogue\n"
+      "files, and the index files of Debian's astrometry-data-tycho2 packages, which go below the catalogue that is\n"
+      "shipped. Tycho-2 stars that are in Hipparcos, too, are left out.\n"
+      "Example:\n  astronav catalog import /usr/share/astrometry/index-tycho2-07.littleendian.fits --max-v 11 \\\n"
+      "    --out deep.stars");
   import_sub->add_option("tables", options->tables, "the tables")->required();
   import_sub->add_option("--out", options->out, "catalogue file to write")->required();
+  import_sub->add_option("--max-v", options->max_v, "faintest V magnitude (default: all)")
+      ->check(number_within(-30.0, 50.0));
   import_sub->add_option("--source", options->source, "text for the file's header, at most 32 bytes");
   for (CLI::App* each : {info_sub, cone_sub, import_sub}) {
     each->add_flag("--json", options->json, "one JSON object a line");

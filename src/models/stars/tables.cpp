@@ -4,12 +4,16 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <optional>
 #include <string>
 #include <unordered_set>
+#include <utility>
 
 #include "foundation/math/rotation.h"
+#include "models/stars/astrometry_index.h"
+#include "models/stars/format.h"
 #include "models/stars/gzip.h"
 
 namespace astronav {
@@ -145,6 +149,47 @@ std::optional<Star> tycho2_star(Line& line) {
   return star;
 }
 
+// Where stars stand, for asking whether one of them is the star at another place.
+constexpr float kCompleteToV = 7.0f;  // Hipparcos is complete to 7.3 or fainter
+constexpr double kSamePlace = 10.0 * kArcsecond;
+constexpr double kYearsAstray = 10.0;
+
+class Neighbourhood {
+ public:
+  explicit Neighbourhood(std::span<const Star> stars) : stars_(stars) {
+    for (std::uint32_t i = 0; i < stars.size(); ++i) {
+      // In every cell that the star's surroundings touch.
+      const double reach = reach_of(stars[i]);
+      const Vec3& d = stars[i].direction_N;
+      const auto low = [&](int k) { return cell(d[k] - reach); };
+      const auto high = [&](int k) { return cell(d[k] + reach); };
+      for (std::uint64_t x = low(0); x <= high(0); ++x)
+        for (std::uint64_t y = low(1); y <= high(1); ++y)
+          for (std::uint64_t z = low(2); z <= high(2); ++z) entries_.push_back({key(x, y, z), i});
+    }
+    std::sort(entries_.begin(), entries_.end());
+  }
+  bool holds(const Vec3& d) const {
+    const std::uint64_t wanted = key(cell(d.x()), cell(d.y()), cell(d.z()));
+    for (auto at = std::lower_bound(entries_.begin(), entries_.end(), std::pair{wanted, std::uint32_t{0}});
+         at != entries_.end() && at->first == wanted; ++at) {
+      const Star& star = stars_[at->second];
+      if ((star.direction_N - d).norm() < reach_of(star)) return true;
+    }
+    return false;
+  }
+
+ private:
+  static constexpr double kCellsPerUnit = 1000.0;  // 206 arcsec
+  static std::uint64_t cell(double x) { return static_cast<std::uint64_t>((x + 1.5) * kCellsPerUnit); }
+  static std::uint64_t key(std::uint64_t x, std::uint64_t y, std::uint64_t z) { return x << 40 | y << 20 | z; }
+  static double reach_of(const Star& star) {
+    return kSamePlace + kYearsAstray * std::hypot(star.pm_ra_cosdec_rad_yr, star.pm_dec_rad_yr);
+  }
+  std::span<const Star> stars_;
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> entries_;
+};
+
 std::optional<StarTableKind> kind_of(std::string_view first_line) {
   const Line line(first_line);
   if (line.size() == kHipparcosFields && line.field(0) == "H") return StarTableKind::hipparcos;
@@ -155,10 +200,11 @@ std::optional<StarTableKind> kind_of(std::string_view first_line) {
 Result<StarTable> read_lines(std::string_view text) {
   const auto kind = kind_of(text.substr(0, text.find('\n')));
   if (!kind) {
-    return fail(
-        ErrorCode::unsupported,
-        "neither a Hipparcos main table ({0} fields separated by '|', the first of them 'H') nor Tycho-2 ({1} fields)",
-        {kHipparcosFields, kTycho2Fields}, "line 1");
+    return fail(ErrorCode::unsupported,
+                "neither a Hipparcos main table ({0} fields separated by '|', the first of them 'H') nor Tycho-2 ({1} "
+                "fields), a "
+                "FITS index of astrometry.net or a catalogue file",
+                {kHipparcosFields, kTycho2Fields}, "line 1");
   }
   StarTable table;
   table.kind = *kind;
@@ -193,10 +239,32 @@ Result<StarTable> read_lines(std::string_view text) {
 }  // namespace
 
 std::string_view name(StarTableKind kind) {
-  return kind == StarTableKind::hipparcos ? "Hipparcos" : "Tycho-2";
+  switch (kind) {
+    case StarTableKind::hipparcos:
+      return "Hipparcos";
+    case StarTableKind::catalogue:
+      return "catalogue";
+    case StarTableKind::tycho2:
+    case StarTableKind::tycho2_index:
+      break;
+  }
+  return "Tycho-2";
 }
 
 Result<StarTable> read_star_table(std::span<const std::byte> table) {
+  if (is_fits(table)) {
+    auto stars = read_astrometry_index(table);
+    if (!stars) return forward(stars);
+    return StarTable{StarTableKind::tycho2_index, std::move(*stars), 0};
+  }
+  if (table.size() >= sizeof star_file::kMagic &&
+      std::memcmp(table.data(), star_file::kMagic, sizeof star_file::kMagic) == 0) {
+    const auto catalogue = StarCatalogue::open(table);
+    if (!catalogue) return forward(catalogue);
+    StarTable out{StarTableKind::catalogue, {}, 0};
+    for (std::size_t i = 0; i < catalogue->size(); ++i) out.stars.push_back(catalogue->star(i));
+    return out;
+  }
   if (!is_gzip(table)) return read_lines({reinterpret_cast<const char*>(table.data()), table.size()});
   const Result<std::string> text = gunzip(table);
   if (!text) return forward(text);
@@ -206,20 +274,33 @@ Result<StarTable> read_star_table(std::span<const std::byte> table) {
 std::vector<Star> merge_star_tables(std::span<const StarTable> tables) {
   std::vector<Star> stars;
   std::unordered_set<std::uint32_t> taken;
+  const auto leads = [](const StarTable& t) {
+    return t.kind == StarTableKind::hipparcos || t.kind == StarTableKind::catalogue;
+  };
   for (const StarTable& table : tables) {
-    if (table.kind != StarTableKind::hipparcos) continue;
+    if (!leads(table)) continue;
     for (const Star& star : table.stars) {
       if (taken.insert(star.id).second) stars.push_back(star);
     }
   }
   const std::unordered_set<std::uint32_t> in_hipparcos = taken;
   std::uint32_t running = kFirstRunningNumber;
+  const auto add = [&](Star star) {
+    while (star.id == 0 || !taken.insert(star.id).second) star.id = running++;
+    stars.push_back(star);
+  };
   for (const StarTable& table : tables) {
-    if (table.kind == StarTableKind::hipparcos) continue;
-    for (Star star : table.stars) {
-      if (in_hipparcos.contains(star.id)) continue;
-      if (star.id == 0 || !taken.insert(star.id).second) star.id = running++;
-      stars.push_back(star);
+    if (table.kind != StarTableKind::tycho2) continue;
+    for (const Star& star : table.stars) {
+      if (!in_hipparcos.contains(star.id)) add(star);
+    }
+  }
+  for (const StarTable& table : tables) {
+    if (table.kind != StarTableKind::tycho2_index) continue;
+    const std::vector<Star> before = stars;  // `stars` grows
+    const Neighbourhood others(before);
+    for (const Star& star : table.stars) {
+      if (star.v_mag >= kCompleteToV && !others.holds(star.direction_N)) add(star);
     }
   }
   return stars;
