@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "cli/validators.h"
 #include "models/aberration/aberration.h"
 #include "models/photometry/photometry.h"
+#include "models/photometry/small_bodies.h"
 
 namespace astronav::cli {
 namespace {
@@ -27,6 +29,7 @@ struct Options {
   std::string correction = "lt+s";
   int iterations = -1;
   std::vector<std::string> kernels;
+  std::string law;
   bool json = false;
 };
 
@@ -36,6 +39,7 @@ struct Question {
   bool light_time;
   bool aberration;
   int iterations;
+  std::optional<PhaseLaw> law;  // of a small body
 };
 
 struct Answer {
@@ -43,7 +47,7 @@ struct Answer {
   State relative;
   double light_time_s = 0.0;
   RaDec place;
-  // Of planets, the Moon and Pluto; where there is no law for the phase the magnitude stays empty.
+  // Of planets, the Moon and small bodies; where there is no law for the phase the magnitude stays empty.
   bool has_brightness = false;
   std::optional<double> v_mag;
   double phase_angle_rad = 0.0;
@@ -104,7 +108,7 @@ Result<Answer> apparent(const Ephemeris& ephemeris, const Question& question, Ep
 
 void add_brightness(const Ephemeris& ephemeris, const Question& question, Answer& out) {
   const auto planet = planet_of(question.body);
-  if (!planet) return;
+  if (!planet && !question.law) return;
   const Epoch epoch = out.epoch;
   const auto observer = ephemeris.state(question.from, body::solar_system_barycenter, epoch);
   const Epoch departure = question.light_time ? epoch - Duration::seconds(out.light_time_s) : epoch;
@@ -114,7 +118,8 @@ void add_brightness(const Ephemeris& ephemeris, const Question& question, Answer
   const Illumination geometry{from_sun->p_m, there->p_m - observer->p_m, departure};
   out.has_brightness = true;
   out.phase_angle_rad = phase_angle(geometry);
-  const auto magnitude = planet_v_magnitude(*planet, geometry);
+  const Result<double> magnitude =
+      question.law ? small_body_v_magnitude(*question.law, geometry) : planet_v_magnitude(*planet, geometry);
   if (magnitude && std::isfinite(*magnitude)) out.v_mag = *magnitude;
   if (question.from == body::sun) return;
   const auto sun = look(ephemeris, body::sun, question, *observer, epoch);
@@ -178,6 +183,35 @@ void print_table(const Question& question, const std::string& correction, const 
              p.y(), p.z(), v.x(), v.y(), v.z());
 }
 
+// The kernels named; where they alone do not lead from both bodies to the barycentre (a spacecraft's or an asteroid's
+// kernel seldom does), with the one that ships with the program beneath them.
+Result<std::shared_ptr<const Kernels>> kernels_for(const Options& options, BodyId body, BodyId from, Epoch epoch) {
+  auto named = open_kernels(options.kernels);
+  if (!named || options.kernels.empty()) return named;
+  for (const BodyId id : {body, from}) {
+    const auto held = (*named)->ephemeris.resolve(id);
+    const auto state = held ? (*named)->ephemeris.state(*held, body::solar_system_barycenter, epoch) : State{};
+    if (held && (state || state.error().code != ErrorCode::not_found)) continue;
+    std::vector<std::string> all{(home_directory() / "data" / "de405_2000_2050.bsp").string()};
+    all.insert(all.end(), options.kernels.begin(), options.kernels.end());
+    return open_kernels(all);
+  }
+  return named;
+}
+
+// `H,G` or `H,G1,G2`, or the law that is known of the body.
+Result<std::optional<PhaseLaw>> law_of(BodyId body, const std::string& text) {
+  if (text.empty()) {
+    const SmallBody* const known = known_small_body(body);
+    return known != nullptr ? std::optional(known->law) : std::nullopt;
+  }
+  const auto numbers = parse_numbers(text, 2, 3, "H,G or H,G1,G2");
+  if (!numbers) return forward(numbers, "--law");
+  PhaseLaw law{.h = (*numbers)[0], .g1 = (*numbers)[1]};
+  if (numbers->size() == 3) law.g2 = (*numbers)[2];
+  return std::optional(law);
+}
+
 Result<int> run(const Options& options) {
   const auto body_asked = parse_body(options.body);
   if (!body_asked) return forward(body_asked);
@@ -185,7 +219,9 @@ Result<int> run(const Options& options) {
   if (!from_asked) return forward(from_asked, "--from");
   const auto epochs = parse_epochs(options.epochs);
   if (!epochs) return forward(epochs);
-  const auto kernels = open_kernels(options.kernels);
+  const auto law = law_of(*body_asked, options.law);
+  if (!law) return forward(law);
+  const auto kernels = kernels_for(options, *body_asked, *from_asked, epochs->front());
   if (!kernels) return forward(kernels);
   const Ephemeris& ephemeris = (*kernels)->ephemeris;
   const auto body = ephemeris.resolve(*body_asked);
@@ -195,7 +231,8 @@ Result<int> run(const Options& options) {
   if (*body == *from)
     return fail(ErrorCode::invalid_argument, "'{s}' cannot be seen from itself: give another --from", {}, {},
                 title(*body));
-  const Question question{*body, *from, options.correction != "none", options.correction == "lt+s", options.iterations};
+  const Question question{*body, *from, options.correction != "none", options.correction == "lt+s", options.iterations,
+                          *law};
   // All or nothing: an epoch outside the kernels is bad input, and then nothing has been printed.
   std::vector<Answer> answers;
   answers.reserve(epochs->size());
@@ -218,7 +255,9 @@ void add_ephemeris(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("ephemeris", "state of a body as another sees it: place, distance, brightness");
   sub->footer(
-      "Without --kernel the planets, Sun and Moon of DE405 from 2000 to 2050 are used.\n"
+      "Without --kernel the planets, Sun and Moon of DE405 from 2000 to 2050 are used; they also complete kernels "
+      "that\n"
+      "hold an asteroid or a spacecraft alone.\n"
       "Example:\n  astronav ephemeris mars --from earth --epoch '2028-03-01T12:00:00 TDB'");
   sub->add_option("body", options->body, "name or NAIF number")->required();
   sub->add_option("--from", options->from, "observing body")->capture_default_str();
@@ -232,6 +271,7 @@ void add_ephemeris(CLI::App& app, Invocation& invocation) {
   sub->add_option("--iterations", options->iterations, "of the light time; 1 is SPICE's LT (default: to convergence)")
       ->check(number_within(1, 10));
   sub->add_option("--kernel", options->kernels, "SPK files in place of DE405; later ones take precedence");
+  sub->add_option("--law", options->law, "H,G or H,G1,G2 of a small body (default: what is known of it)");
   sub->add_flag("--json", options->json, "one JSON object an epoch");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });
 }

@@ -17,6 +17,7 @@ namespace {
 constexpr std::array kPlanets{body::mercury, body::venus,  body::earth,  body::moon,    body::mars,
                               body::jupiter, body::saturn, body::uranus, body::neptune, body::pluto};
 constexpr double kSunlikeColour = 0.65;
+constexpr double kMostRefraction = 0.25 * kDegree;
 constexpr double kFastestStar = 11.0 * kArcsecond;  // a year; Barnard's star moves 10.4
 
 bool brighter(const SkySource& a, const SkySource& b) {
@@ -87,6 +88,9 @@ struct Look {
   const BandPhotometry& band;
   const SkySettings& settings;
 
+  Vec3 refracted(const Vec3& direction) const {
+    return settings.refraction ? settings.refraction->refract(direction) : direction;
+  }
   bool inside(const Vec3& direction) const { return direction.dot(axis_N) >= cos_radius; }
 };
 
@@ -117,7 +121,7 @@ bool may_be_inside(const Look& look, const Body& body, const State& there_O) {
   const double distance = p_m.norm();
   const double speeds = (there_O.v_m_s.norm() + look.observer_O.v_m_s.norm()) / kSpeedOfLight;
   const double size = (1.0 + look.settings.centre_of_light_scale) * body.radius_m;
-  const double margin = 2.0 * speeds + size / distance;
+  const double margin = 2.0 * speeds + size / distance + (look.settings.refraction ? kMostRefraction : 0.0);
   if (!(margin < 0.5)) return true;
   return p_m.dot(look.axis_N) >= distance * std::cos(std::min(look.radius_rad + 2.0 * margin, kPi));
 }
@@ -152,7 +156,8 @@ Result<std::optional<SkySource>> see(const Look& look, const Body& body) {
   const Vec3 rest = (p_from_observer + shift_m * across).normalized();
   Mat3 by_direction = Mat3::Identity();
   const Vec3 direction = look.settings.aberration ? aberrate(rest, look.observer_O.v_m_s, &by_direction) : rest;
-  if (!look.inside(direction)) return nothing;
+  const Vec3 seen_N = look.refracted(direction);
+  if (!look.inside(seen_N)) return nothing;
   double v_mag = 0.0;
   if (body.law != nullptr) {
     v_mag = small_body_v_magnitude(*body.law, light);
@@ -166,7 +171,7 @@ Result<std::optional<SkySource>> see(const Look& look, const Body& body) {
   SkySource source;
   source.kind = body.kind;
   source.id = body.id.value;
-  source.direction_N = direction;
+  source.direction_N = seen_N;
   source.v_mag = v_mag;
   source.b_v = body.b_v;
   source.flux = look.band.flux(v_mag, body.b_v);
@@ -174,7 +179,7 @@ Result<std::optional<SkySource>> see(const Look& look, const Body& body) {
   const Vec3 sunward = by_direction * (across - rest * rest.dot(across)).normalized();
   if (look.settings.centre_of_light) source.angular_radius_rad = std::asin(body.radius_m / distance) * sunward.norm();
   source.phase_angle_rad = phase;
-  source.sunward_N = (sunward - direction * direction.dot(sunward)).normalized();
+  source.sunward_N = (sunward - seen_N * seen_N.dot(sunward)).normalized();
   return std::optional(source);
 }
 
@@ -233,7 +238,8 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
   const Vec3 centre = settings.aberration ? unaberrate(look.axis_N, observer_O.v_m_s) : look.axis_N;
   const double widened = radius_rad * std::sqrt((1.0 + beta) / (1.0 - beta)) + beta +
                          kFastestStar * (std::abs(epoch.julian_years_since_j2000()) + 1.0) +
-                         kArcsecond * observer_O.p_m.norm() / kAstronomicalUnit;
+                         kArcsecond * observer_O.p_m.norm() / kAstronomicalUnit +
+                         (settings.refraction ? kMostRefraction : 0.0);
   std::vector<Star> stars(1024);
   const auto search = [&] {
     return catalogue_->stars_in_cone(centre, std::min(widened, kPi), settings.max_v_mag, stars);
@@ -257,14 +263,20 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
     const Lanes along_axis = seen[0] * look.axis_N.x() + seen[1] * look.axis_N.y() + seen[2] * look.axis_N.z();
     for (std::size_t k = 0; k < lanes.size(); ++k) {
       const auto lane = static_cast<Eigen::Index>(k);
-      if (along_axis[lane] < look.cos_radius) continue;
+      Vec3 direction(seen[0][lane], seen[1][lane], seen[2][lane]);
+      if (settings.refraction) {
+        direction = look.refracted(direction);
+        if (!look.inside(direction)) continue;
+      } else if (along_axis[lane] < look.cos_radius) {
+        continue;
+      }
       const Star& star = stars[lanes[k]];
       const auto v_mag = static_cast<double>(star.v_mag);
       while (next_body != bodies.end() && next_body->v_mag < v_mag) sources.push_back(*next_body++);
       const double b_v = std::isnan(star.b_v) ? kSunlikeColour : static_cast<double>(star.b_v);
       SkySource& source = sources.emplace_back();
       source.id = star.id;
-      source.direction_N = Vec3(seen[0][lane], seen[1][lane], seen[2][lane]);
+      source.direction_N = direction;
       source.v_mag = v_mag;
       source.b_v = b_v;
       source.flux = band.flux(v_mag, b_v, is_red_dwarf(star) ? dwarf_v_i(b_v) : kUnknownColour);

@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sky: what an observer sees inside a cone: apparent directions (light time, exact aberration, proper motion, parallax)
-// and band fluxes. Bodies come with what is needed to draw their lit discs; moons of other planets and the Sun are not
-// here.
+// Sky: what an observer sees inside a cone: apparent directions (light time, exact aberration, proper motion, parallax,
+// refraction where there is air) and band fluxes. Bodies come with what is needed to draw their lit discs; moons of
+// other planets and the Sun are not here.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "foundation/base/error.h"
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/ephemeris/refraction.h"
 #include "models/photometry/photometry.h"
 #include "models/photometry/small_bodies.h"
 #include "models/stars/catalogue.h"
@@ -40,6 +42,8 @@ struct SkySettings {
   // Bodies at their centre of light, with their discs; false: points at the centre of figure (the paper's way).
   bool centre_of_light = true;
   double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
+  // Of an observer on the ground, whose zenith it knows; what is below the horizon is not hidden.
+  std::optional<Refraction> refraction{};
   // Small bodies beside the known ones (known_small_bodies()) or, with the number of one, in its place. Those that no
   // kernel holds are not seen.
   std::vector<SmallBody> bodies{};

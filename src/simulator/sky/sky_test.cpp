@@ -9,6 +9,7 @@
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/rotation.h"
 #include "models/aberration/aberration.h"
+#include "support/shared_data.h"
 
 namespace astronav::sky {
 namespace {
@@ -200,6 +201,64 @@ TEST_F(SkyTest, EveryBodyIsFoundInANarrowConeAroundItself) {
           *sky_.look(epoch_, observer, source.direction_N, 0.01 * kArcsecond, band_, {.max_v_mag = -5.0});
       EXPECT_NE(find(narrow, source.kind, source.id), nullptr) << source.id;
     }
+  }
+}
+
+TEST_F(SkyTest, SmallBodiesAreSeenWhereAKernelHoldsThem) {
+  const auto ceres = ASTRONAV_SHARED_DATA("ephemeris/2000001.bsp");
+  const auto vesta = ASTRONAV_SHARED_DATA("ephemeris/2000004.bsp");
+  const MappedFile ceres_file = *MappedFile::open(ceres), vesta_file = *MappedFile::open(vesta);
+  const std::vector<std::span<const std::byte>> kernels{kernel_.bytes(), ceres_file.bytes(), vesta_file.bytes()};
+  const Ephemeris ephemeris = *Ephemeris::open(kernels);
+  const Sky sky(ephemeris, catalogue_);
+  const State observer = earth();
+  SkySettings settings{.max_v_mag = 2.0};
+  const auto look = [&](Epoch epoch) { return *sky.look(epoch, observer, Vec3::UnitX(), kPi, band_, settings); };
+  const auto sources = look(epoch_);
+  for (const std::int32_t id : {2000001, 2000004}) {
+    const SkySource* body = find(sources, SourceKind::small_body, id);
+    ASSERT_NE(body, nullptr) << id;
+    EXPECT_GT(body->v_mag, 5.0);
+    EXPECT_LT(body->v_mag, 9.5);
+    EXPECT_GT(body->flux.electrons_per_s, 0.0);
+    const LightTime seen = *light_time(ephemeris, BodyId{id}, observer, epoch_);
+    EXPECT_LT(angle_between(body->direction_N, aberrate(seen.relative.p_m.normalized(), observer.v_m_s)),
+              body->angular_radius_rad);
+    EXPECT_NEAR(body->angular_radius_rad * seen.relative.p_m.norm(), known_small_body({id})->mean_radius_m, 100.0);
+  }
+  // What the caller says counts; by whichever number.
+  const double v_mag = find(sources, SourceKind::small_body, 2000001)->v_mag;
+  settings.bodies = {{.id = {20000001}, .law = {.h = 0.34, .g1 = 0.12}, .mean_radius_m = 0.0}};
+  const auto told = look(epoch_);
+  EXPECT_EQ(told.size(), sources.size());
+  ASSERT_NE(find(told, SourceKind::small_body, 20000001), nullptr);
+  EXPECT_NEAR(find(told, SourceKind::small_body, 20000001)->v_mag, v_mag - 3.0, 1e-9);
+  // Beyond its kernel a small body is just not there.
+  EXPECT_EQ(find(look(*Epoch::parse("2040-01-01 TDB")), SourceKind::small_body, 2000004), nullptr);
+}
+
+TEST_F(SkyTest, TheAirLiftsWhatIsSeen) {
+  const GroundSite site{.latitude_rad = 0.9, .longitude_rad = 0.2, .height_m = 100.0};
+  State observer = earth();
+  const State place = ground_state(site, epoch_);
+  observer.p_m += place.p_m;
+  observer.v_m_s += place.v_m_s;
+  const Vec3 zenith = ground_zenith(site, epoch_);
+  const Refraction air({}, zenith);
+  const auto [east, north] = east_north(zenith);
+  const Vec3 low = std::cos(75.0 * kDegree) * zenith + std::sin(75.0 * kDegree) * north;
+  SkySettings settings{.max_v_mag = 6.0};
+  const auto above = all_sky(observer, settings);
+  settings.refraction = air;
+  const auto sources = *sky_.look(epoch_, observer, low, 5.0 * kDegree, band_, settings);
+  std::size_t expected = 0;
+  for (const SkySource& s : above) expected += angle_between(air.refract(s.direction_N), low) <= 5.0 * kDegree;
+  EXPECT_EQ(sources.size(), expected);
+  ASSERT_GT(sources.size(), 3u);
+  for (const SkySource& s : sources) {
+    const SkySource& without = *find(above, s.kind, s.id);
+    EXPECT_LT(angle_between(s.direction_N, air.refract(without.direction_N)), 1e-6 * kArcsecond);
+    EXPECT_GT(angle_between(without.direction_N, zenith) - angle_between(s.direction_N, zenith), 100.0 * kArcsecond);
   }
 }
 
