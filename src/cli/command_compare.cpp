@@ -31,9 +31,8 @@ using Json = nlohmann::ordered_json;
 
 struct Options {
   std::string image;
-  std::string camera, fov, epoch, observer, near, raw, catalogue, targets, out, save_camera;
+  std::string camera, fov, epoch, observer, catalogue, targets, out, save_camera;
   std::vector<std::string> kernels;
-  double exposure_ms = 0.0;
   double max_v = 13.0;
   double least_snr = 10.0;
   bool wcs_from_header = false;
@@ -181,11 +180,6 @@ Result<void> solve_for_plate(const Options& options, Asked& asked, std::optional
   } else if (request.camera_known) {
     solve.camera = request.camera.intrinsics;
   }
-  if (!options.near.empty()) {
-    const auto near = parse_numbers(options.near, 3, 3, "RA,DEC,RADIUS");
-    if (!near) return forward(near, "--near");
-    solve.near = opensky::Near{direction_from_radec((*near)[0] * kDegree, (*near)[1] * kDegree), (*near)[2] * kDegree};
-  }
   solve.epoch = epoch;
   if (request.observer_known) solve.observer = request.observer;
   opensky::Solver solver(asked.catalogue->stars);
@@ -201,12 +195,6 @@ Result<void> solve_for_plate(const Options& options, Asked& asked, std::optional
 Result<Asked> read_request(const Options& options) {
   Asked asked;
   opensky::CompareRequest& request = asked.request;
-  std::optional<RawLayout> raw;
-  if (!options.raw.empty()) {
-    const auto layout = parse_raw_layout(options.raw);
-    if (!layout) return forward(layout, "--raw");
-    raw = *layout;
-  }
   auto kernels = open_kernels(options.kernels);
   if (!kernels) return forward(kernels);
   asked.kernels = *kernels;
@@ -233,7 +221,7 @@ Result<Asked> read_request(const Options& options) {
     if (!told) return forward(told, "--epoch");
     epoch = *told;
   }
-  auto picture = read_picture(options.image, raw);
+  auto picture = read_picture(options.image);
   if (!picture) return forward(picture);
   asked.picture = std::move(*picture);
   if (!epoch) epoch = header_epoch(asked.picture);
@@ -258,12 +246,12 @@ Result<Asked> read_request(const Options& options) {
     request.observer_known = state->has_value();
   }
   if (const auto exposure = number_in(asked.picture, "EXPTIME")) request.exposure_s = *exposure;
-  if (options.exposure_ms > 0.0) request.exposure_s = options.exposure_ms * 1e-3;
   if (!(request.exposure_s > 0.0))
     return fail(ErrorCode::corrupt_data, "an exposure of {0} s", {request.exposure_s}, options.image);
 
   const bool plate_in_header = asked.picture.header.count("CTYPE1") > 0;
-  if (options.wcs_from_header || (plate_in_header && options.fov.empty() && options.camera.empty())) {
+  if (options.wcs_from_header ||
+      (plate_in_header && options.fov.empty() && (options.camera.empty() || !options.targets.empty()))) {
     const auto plate =
         plate_from_header(asked.picture.header, asked.picture.pixels.width(), asked.picture.pixels.height());
     if (!plate) return forward(plate, options.image);
@@ -429,14 +417,12 @@ Result<int> run(const Options& options) {
 void add_compare(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("compare", "a real picture held against the rendering of the same sky");
-  sub->footer(
-      "Example:\n  astronav compare night.tiff --fov 9:13 --epoch 2019-07-29T20:47:26 --observer earth --out both.png");
-  sub->add_option("image", options->image, "PNG, TIFF, JPEG, FITS or raw frame")->required();
+  sub->footer("Example:\n  astronav compare night.tiff --fov 9:13 --epoch 2019-07-29T20:47:26 --observer earth");
+  sub->add_option("image", options->image, "PNG, TIFF, JPEG or FITS")->required();
   sub->add_option("--camera", options->camera, "its curves, gain and PSF (file or name); otherwise all is fitted");
   sub->add_option("--fov", options->fov, "MIN:MAX, horizontal field of view in degrees");
   sub->add_option("--epoch", options->epoch, "middle of the exposure, ISO 8601 with scale; default: the header's");
   sub->add_option("--observer", options->observer, "as for render; default: the header's, else unknown");
-  sub->add_option("--near", options->near, "RA,DEC,RADIUS in degrees: the centre lies there");
   sub->add_flag("--wcs-from-header", options->wcs_from_header, "the header's plate: neither solved nor fitted");
   sub->add_option("--targets", options->targets, "CSV of near stars, as Gaia gives them, to be told by name");
   sub->add_option("--catalog", options->catalogue, "star catalogue in place of Hipparcos");
@@ -446,10 +432,7 @@ void add_compare(CLI::App& app, Invocation& invocation) {
   sub->add_option("--snr", options->least_snr, "expected S/N of stars that count")
       ->check(number_within(3, 1e4))
       ->capture_default_str();
-  sub->add_option("--exposure-ms", options->exposure_ms, "default: the header's, the camera's, 1 s")
-      ->check(number_within(1e-6, 1e9));
   sub->add_option("--kernel", options->kernels, "SPK files in place of DE405; later ones take precedence");
-  sub->add_option("--raw", options->raw, "WIDTHxHEIGHT,u16le,OFFSET");
   sub->add_option("--out", options->out, "FILE.png: picture, rendering and difference side by side");
   sub->add_option("--save-camera", options->save_camera, "FILE.toml: the camera that fits");
   sub->add_flag("--json", options->json, "one JSON object");

@@ -109,6 +109,9 @@ const std::vector<Hole> kHoles{
     {"solve frame.fits --catalog @", &kNoCatalogue},
     {"solve frame.fits --epoch 2026-11-22 --observer earth --kernel @", &kNoKernel},
     {"solve frame.fits --epoch 2026-11-22 --observer oem:@", &kNoOem},
+    {"compare @", &kNoPicture},
+    {"compare frame.fits --camera @", &kNoCamera},
+    {"compare frame.fits --catalog @", &kNoCatalogue},
     {"calibrate camera @", &kNoPicture},
     {"calibrate camera frame.fits --camera @", &kNoCamera},
     {"calibrate camera frame.fits --catalog @", &kNoCatalogue},
@@ -248,6 +251,10 @@ const std::vector<Bad> kBad{
      "no effect is called 'rain'; did you mean 'read'"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --seed -1", "'-1' is not a seed"},
 
+    {"compare", "image is required"},
+    {"compare frame.fits --fov nan", "'nan' is not MIN:MAX"},
+    {"compare frame.fits --snr 1", "'1' is not a number from 3 to 10000"},
+    {"compare frame.fits --observer marz", "'marz' is not an observer"},
     {"solve", "images is required"},
     {"solve frame.fits --fov nan", "'nan' is not MIN:MAX"},
     {"solve frame.fits --fov 3:2", "'3:2' is no field of view"},
@@ -441,6 +448,9 @@ TEST_F(CommandLine, CalibrateRefusesBadFiles) {
 }
 TEST_F(CommandLine, SolveRefusesBadFiles) {
   expect_files_refused("solve");
+}
+TEST_F(CommandLine, CompareRefusesBadFiles) {
+  expect_files_refused("compare");
 }
 TEST_F(CommandLine, CentroidsRefusesBadFiles) {
   expect_files_refused("centroids");

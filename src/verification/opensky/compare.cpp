@@ -213,6 +213,19 @@ bool crowded(const Model& model, const render::RenderedSource& star) {
   });
 }
 
+// Where pixels are full: by the format, by a known camera's detector, or where several pixels share the highest value.
+double largest_level(const Picture& picture, const CompareRequest& request) {
+  double limit = picture.bits <= 16 ? picture.white_level : std::numeric_limits<double>::infinity();
+  if (request.camera_known) {
+    const Detector& d = request.camera.detector;
+    limit = std::min({limit, std::exp2(d.bits) - 1.0, d.bias_dn + d.full_well_e / d.gain_e_dn});
+  }
+  const auto pixels = picture.pixels.pixels();
+  const float highest = *std::max_element(pixels.begin(), pixels.end());
+  if (std::count(pixels.begin(), pixels.end(), highest) >= 3) limit = std::min(limit, static_cast<double>(highest));
+  return limit;
+}
+
 // The camera as far as the picture and what is known of it tell before any star is looked at.
 Camera first_camera(const CompareRequest& request, const Frame& frame) {
   Camera camera = request.camera;
@@ -246,22 +259,13 @@ Result<Comparison> compare(const Picture& picture, const CompareRequest& request
   frame.dn = picture.pixels;
   if (request.mirrored)
     for (int v = 0; v < height; ++v) std::reverse(frame.dn.row(v), frame.dn.row(v) + width);
-  // Numbers with fractions have no largest value of their own; a known camera's detector has.
-  const Detector& detector = request.camera.detector;
-  if (picture.bits <= 16) {
-    frame.levels = picture.white_level;
-    frame.saturation_dn = 0.98 * frame.levels;
-  } else if (request.camera_known) {
-    frame.levels = std::min(std::exp2(detector.bits), detector.full_well_e / detector.gain_e_dn);
-    frame.saturation_dn = 0.98 * frame.levels;
-  } else {
-    frame.levels = picture.white_level;
-    frame.saturation_dn = std::numeric_limits<double>::infinity();
-  }
-  frame.sky = smooth_sky(frame.dn);
+  frame.levels = picture.white_level;
+  frame.saturation_dn = 0.98 * largest_level(picture, request);
+  const double step = picture.bits <= 16 ? 1.0 : 0.0;
+  frame.sky = smooth_sky(frame.dn, step);
   // A known gain counts; what the sky scatters beyond that, the picture tells.
   frame.noise =
-      photon_transfer(frame.dn, frame.sky,
+      photon_transfer(frame.dn, frame.sky, step,
                       request.camera_known ? std::optional(1.0 / request.camera.detector.gain_e_dn) : std::nullopt);
   request.camera = first_camera(request, frame);
 
@@ -376,7 +380,7 @@ Result<Comparison> compare(const Picture& picture, const CompareRequest& request
   out.psf_fwhm_px = fwhm_px(out.camera);
   out.background_dn = static_cast<double>(frame.sky.level_dn(width / 2, height / 2));
   out.background_scatter = frame.sky.scatter;
-  out.noise_floor_dn = std::sqrt(frame.noise.floor_dn2);
+  out.noise_floor_dn = std::sqrt(std::max(frame.noise.floor_dn2, frame.noise.least_dn2));
   out.gain_e_dn = gain;
   out.rendering_dn = own.rendering_dn;
   out.difference_dn = ImageF(width, height);

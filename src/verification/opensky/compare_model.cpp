@@ -397,13 +397,13 @@ void Model::fit_point_spread(std::span<const Measured> stars) {
     }
     windows.push_back(std::move(window));
   }
-  // ln sigma, growth, logarithms of what the halo holds and of its width over the core's.
-  const PointSpread start = camera.psf;
+  // ln sigma, growth, logarithms of what the halo holds and of its width.
+  PointSpread start = camera.psf;
   const auto shaped = [&](const Eigen::VectorXd& p) {
     Camera shape = camera;
-    shape.psf.sigma_px = start.sigma_px * std::exp(p[0]);
-    shape.psf.sigma_growth_px = std::max(start.sigma_growth_px + p[1], -0.8 * shape.psf.sigma_px);
-    shape.psf.halo_fraction = std::clamp(start.halo_fraction * std::exp(p[2]), 1e-4, 0.9);
+    shape.psf.sigma_px = std::clamp(start.sigma_px * std::exp(p[0]), 0.2, 10.0);
+    shape.psf.sigma_growth_px = std::clamp(start.sigma_growth_px + p[1], -0.5 * shape.psf.sigma_px, shape.psf.sigma_px);
+    shape.psf.halo_fraction = std::clamp(start.halo_fraction * std::exp(p[2]), 1e-4, 0.95);
     shape.psf.halo_sigma_px = std::clamp(start.halo_sigma_px * std::exp(p[3]), 1.2 * shape.psf.sigma_px, 8.0);
     return shape;
   };
@@ -436,9 +436,22 @@ void Model::fit_point_spread(std::span<const Measured> stars) {
     for (Eigen::Index k = 0; k < p.size(); ++k) r.push_back(p[k] / 2.0);
     return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(r.data(), static_cast<Eigen::Index>(r.size())));
   };
-  Eigen::VectorXd p = Eigen::VectorXd::Zero(4);
-  least_squares(residuals, p, Eigen::VectorXd::Constant(4, 0.02), 8);
-  camera.psf = shaped(p).psf;
+  // A sharp core in a wide halo and a wide core with faint wings are two valleys: each round goes down both.
+  PointSpread sharp = camera.psf, wide = camera.psf;
+  sharp.sigma_px = 0.5 * camera.psf.sigma_px;
+  sharp.halo_fraction = 0.5;
+  sharp.halo_sigma_px = camera.psf.sigma_px;
+  std::optional<double> least;
+  PointSpread best = camera.psf;
+  for (const PointSpread& first : {wide, sharp}) {
+    start = first;
+    Eigen::VectorXd p = Eigen::VectorXd::Zero(4);
+    const double cost = least_squares(residuals, p, Eigen::VectorXd::Constant(4, 0.02), 12);
+    if (least && cost >= *least) continue;
+    least = cost;
+    best = shaped(p).psf;
+  }
+  camera.psf = best;
 }
 
 }  // namespace astronav::opensky

@@ -27,7 +27,7 @@ struct Tile {
 };
 
 // Mean and variance about `sky` (or about nothing) of what lies within 3 sigma of the median.
-std::vector<Tile> measure(const ImageF& picture, const ImageF* sky, int size) {
+std::vector<Tile> measure(const ImageF& picture, const ImageF* sky, int size, double step) {
   std::vector<Tile> tiles;
   std::vector<double> values;
   for (int v0 = 0; v0 + size <= picture.height(); v0 += size) {
@@ -52,7 +52,7 @@ std::vector<Tile> measure(const ImageF& picture, const ImageF* sky, int size) {
       for (int round = 0; round < 5; ++round) {
         double n = 0.0, sum = 0.0, sum2 = 0.0;
         for (const double x : values) {
-          if (std::abs(x - centre) > kClip * std::max(spread, 1e-6)) continue;
+          if (std::abs(x - centre) > kClip * std::max({spread, 0.5 * step, 1e-6})) continue;
           n += 1.0;
           sum += x - centre;
           sum2 += (x - centre) * (x - centre);
@@ -93,9 +93,9 @@ std::array<double, (kOrder + 1) * (kOrder + 2) / 2> terms(double x, double y) {
 
 }  // namespace
 
-SmoothSky smooth_sky(const ImageF& picture) {
+SmoothSky smooth_sky(const ImageF& picture, double step) {
   const int size = tile_size(picture);
-  const std::vector<Tile> tiles = measure(picture, nullptr, size);
+  const std::vector<Tile> tiles = measure(picture, nullptr, size, step);
   constexpr Eigen::Index kTerms = (kOrder + 1) * (kOrder + 2) / 2;
   const double unit = 0.5 * std::max(picture.width(), picture.height());
   const double mid_u = 0.5 * (picture.width() - 1), mid_v = 0.5 * (picture.height() - 1);
@@ -138,14 +138,15 @@ SmoothSky smooth_sky(const ImageF& picture) {
   return out;
 }
 
-NoiseLaw photon_transfer(const ImageF& picture, const SmoothSky& sky, std::optional<double> known_slope_dn) {
-  const std::vector<Tile> tiles = measure(picture, &sky.level_dn, tile_size(picture));
+NoiseLaw photon_transfer(const ImageF& picture, const SmoothSky& sky, double step,
+                         std::optional<double> known_slope_dn) {
+  const std::vector<Tile> tiles = measure(picture, &sky.level_dn, tile_size(picture), step);
   std::vector<char> used(tiles.size(), 1);
   std::vector<double> variances;
-  for (const Tile& tile : tiles)
-    variances.push_back(tile.variance - known_slope_dn.value_or(0.0) * std::max(tile.level, 0.0));
+  for (const Tile& tile : tiles) variances.push_back(tile.variance - known_slope_dn.value_or(0.0) * tile.level);
   NoiseLaw law;
-  law.floor_dn2 = variances.empty() ? 1.0 : std::max(median(variances), 1e-12);
+  law.least_dn2 = std::max(step * step / 12.0, 1e-12);
+  law.floor_dn2 = variances.empty() ? 1.0 : median(variances);
   if (known_slope_dn) {
     law.slope_dn = *known_slope_dn;
     return law;
@@ -174,7 +175,10 @@ NoiseLaw photon_transfer(const ImageF& picture, const SmoothSky& sky, std::optio
     slope_sigma = spread / std::sqrt(xx);
     for (std::size_t i = 0; i < tiles.size(); ++i) used[i] = off[i] <= kClip * spread;
   }
-  if (slope > 5.0 * slope_sigma && floor >= 0.0) law = {floor, slope};
+  if (slope > 5.0 * slope_sigma) {
+    law.floor_dn2 = floor;
+    law.slope_dn = slope;
+  }
   return law;
 }
 

@@ -2,6 +2,7 @@
 // What a picture holds beside its stars: the smooth sky and the noise. Internal.
 #pragma once
 
+#include <algorithm>
 #include <optional>
 
 #include "foundation/image/image.h"
@@ -13,16 +14,20 @@ struct SmoothSky {
   ImageF level_dn;
   double scatter = 0.0;  // of the tiles about it, over what their own noise explains
 };
-SmoothSky smooth_sky(const ImageF& picture);
+// `step`: between levels, 0 for fractions.
+SmoothSky smooth_sky(const ImageF& picture, double step);
 
-// sigma^2 = floor + slope * level: the photon transfer of the picture's own tiles (docs/theory/real-sky.md). Without a
-// slope worth the name (a dark or an evenly lit picture) all of it is floor. `known_slope_dn` where the gain is known.
+// sigma^2 = floor + slope * level (a pedestal under the levels makes the floor negative): the photon transfer of the
+// picture's own tiles (docs/theory/real-sky.md). Without a slope worth the name (a dark or an evenly lit picture) all
+// of it is floor. `known_slope_dn` where the gain is known.
 struct NoiseLaw {
   double floor_dn2 = 0.0;
   double slope_dn = 0.0;  // 1 / (electrons per DN), where the picture shows it
-  double variance(double level_dn) const { return floor_dn2 + slope_dn * (level_dn > 0.0 ? level_dn : 0.0); }
+  double least_dn2 = 1e-12;
+  double variance(double level_dn) const { return std::max(floor_dn2 + slope_dn * level_dn, least_dn2); }
 };
-NoiseLaw photon_transfer(const ImageF& picture, const SmoothSky& sky, std::optional<double> known_slope_dn = {});
+NoiseLaw photon_transfer(const ImageF& picture, const SmoothSky& sky, double step,
+                         std::optional<double> known_slope_dn = {});
 
 // Structural similarity of every pixel (Wang et al. 2004: Gaussian window of 1.5 px, K1 = 0.01, K2 = 0.03), with the
 // range of levels that the picture's format can hold.

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// `astronav compare` on ten real pictures: four of a camera on the ground (ESA's tetra3), six that New Horizons took of
+// Proxima Centauri and Wolf 359 from 47 au. The limits are those that docs/real-sky.md promises.
+#include <algorithm>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "support/program.h"
+#include "support/shared_data.h"
+
+namespace astronav {
+namespace {
+
+using nlohmann::json;
+
+json compared(const std::vector<std::string>& arguments, const std::filesystem::path& folder) {
+  std::vector<std::string> line{"compare", "--json"};
+  line.insert(line.end(), arguments.begin(), arguments.end());
+  setenv("ASTRONAV_HOME", ASTRONAV_TEST_HOME, 1);
+  const testing::Outcome outcome = testing::run_program(ASTRONAV_PROGRAM, line, folder, 120);
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  return outcome.status == 0 ? json::parse(outcome.out) : json::object();
+}
+
+TEST(RealSky, GroundCamera) {
+  const auto folder = ASTRONAV_SHARED_DATA("images/tetra3");
+  const testing::ScratchFolder scratch;
+  for (const char* name : {"Alt40_Azi-135", "Alt40_Azi45", "Alt60_Azi-45", "Alt60_Azi135"}) {
+    SCOPED_TRACE(name);
+    const std::string image = (folder / ("2019-07-29T204726_" + std::string(name) + "_Try1.tiff")).string();
+    const json found =
+        compared({image, "--fov", "9:13", "--epoch", "2019-07-29T20:47:26", "--observer", "earth"}, scratch.path());
+    ASSERT_TRUE(found.contains("status"));
+    // Every star of the catalogue that must be seen is: none is lost, and the rms is over all of them.
+    EXPECT_GE(found["stars"].get<int>(), 40);
+    EXPECT_EQ(found["stars_lost"].get<int>(), 0);
+    EXPECT_TRUE(found["halves"].get<bool>());
+    EXPECT_LE(found["geometric_rms_px"].get<double>(), 0.25);
+    EXPECT_LE(found["photometric_rms_mag"].get<double>(), 0.20);
+    // Against the noise of each pixel, and plainly: root mean square of differences over that of the noise.
+    EXPECT_LE(found["rmse_over_noise"].get<double>(), 1.25);
+    EXPECT_LE(found["rmse_dn"].get<double>(), 1.5 * found["noise_dn"].get<double>());
+    // No rendering comes nearer than the noise. Where this fails, the noise is believed too large.
+    EXPECT_GE(found["rmse_over_noise"].get<double>(), 0.98);
+    EXPECT_GE(found["starless_over_noise"].get<double>(), 3.0);
+    EXPECT_LE(found["ssim_loss_ratio"].get<double>(), 0.3);
+    // All four were taken with one camera on one night, and are fitted one by one.
+    EXPECT_NEAR(found["plate_scale_arcsec"].get<double>(), 40.327, 0.01);
+    EXPECT_NEAR(found["gain_e_dn"].get<double>(), 0.166, 0.006);
+  }
+}
+
+// Gaia DR3 with the V, B-V and V-I of the literature (Simbad; Bessell 1991 for the colours).
+constexpr const char* kRedDwarfs =
+    "name,epoch_jyear,ra_deg,dec_deg,parallax_mas,pm_ra_cosdec_mas_yr,pm_dec_mas_yr,v_mag,b_v,v_i\n"
+    "Proxima Centauri,2016.0,217.39232147200883,-62.67607511676666,768.0665391873573,-3781.741008265163,"
+    "769.4650146478623,11.13,1.82,3.65\n"
+    "Wolf 359,2016.0,164.10319030755974,7.002726940984864,415.17941567802137,-3866.3382751436793,"
+    "-2699.214987679166,13.507,2.03,4.0\n";
+
+TEST(RealSky, NewHorizons) {
+  const auto folder = ASTRONAV_SHARED_DATA("images/lorri");
+  const testing::ScratchFolder scratch;
+  const std::string targets = (scratch.path() / "targets.csv").string();
+  testing::write_text(targets, kRedDwarfs);
+  const std::vector<std::pair<const char*, const char*>> frames{
+      {"0449855930", "Proxima Centauri"}, {"0449855931", "Proxima Centauri"}, {"0449913531", "Proxima Centauri"},
+      {"0449933827", "Wolf 359"},         {"0449933832", "Wolf 359"},         {"0449955456", "Wolf 359"}};
+  std::map<std::string, std::vector<double>> magnitudes;
+  for (const auto& [met, star] : frames) {
+    SCOPED_TRACE(met);
+    const std::string image = (folder / ("lor_" + std::string(met) + "_0x633_pwcs2.fits")).string();
+    const json found =
+        compared({image, "--camera", "lorri", "--wcs-from-header", "--targets", targets}, scratch.path());
+    ASSERT_TRUE(found.contains("targets"));
+    ASSERT_EQ(found["targets"].size(), 1u);
+    const json& target = found["targets"][0];
+    EXPECT_EQ(target["name"], star);
+    EXPECT_LE(target["residual_px"].get<double>(), 0.2);
+    // By the camera's own curves and zero point, the colours of a red dwarf included.
+    EXPECT_LE(std::abs(target["residual_mag"].get<double>()), 0.15);
+    magnitudes[star].push_back(target["mag_by_header"].get<double>());
+  }
+  for (const auto& [star, values] : magnitudes) {
+    ASSERT_EQ(values.size(), 3u);
+    const auto [low, high] = std::minmax_element(values.begin(), values.end());
+    EXPECT_LE(*high - *low, 0.05) << star;
+  }
+  // As other programs measure them (Lauer et al. 2025).
+  EXPECT_NEAR(magnitudes["Proxima Centauri"][0], 9.62, 0.03);
+  EXPECT_NEAR(magnitudes["Wolf 359"][0], 11.78, 0.04);
+}
+
+// Parallax seen from 47 au moves Proxima by 36 arcsec: nine pixels. Told of an observer at the barycentre, the same
+// command must not find it.
+TEST(RealSky, ParallaxIsNeeded) {
+  const auto folder = ASTRONAV_SHARED_DATA("images/lorri");
+  const testing::ScratchFolder scratch;
+  const std::string targets = (scratch.path() / "targets.csv").string();
+  testing::write_text(targets, kRedDwarfs);
+  const json found = compared({(folder / "lor_0449855930_0x633_pwcs2.fits").string(), "--camera", "lorri",
+                               "--wcs-from-header", "--targets", targets, "--observer", "ssb:0,0,0"},
+                              scratch.path());
+  ASSERT_TRUE(found.contains("targets"));
+  for (const json& target : found["targets"])
+    EXPECT_TRUE(!target.contains("residual_px") || target["residual_px"].get<double>() > 1.0);
+}
+
+}  // namespace
+}  // namespace astronav
