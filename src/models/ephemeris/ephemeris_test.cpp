@@ -406,6 +406,77 @@ TEST(EphemerisMutation, Type3) {
   }
 }
 
+// ---- Interpolated states: a polynomial of the degree that a window can hold comes back everywhere ----
+
+// Around the middle of the segment, so that high powers stay small; km and km/s.
+Vec3 curve(double t, int degree, int derivative) {
+  const double x = (t - 450.0) / 400.0;
+  Vec3 out = Vec3::Zero();
+  for (int k = 0; k <= degree; ++k) {
+    double factor = 1.0;
+    for (int d = 0; d < derivative; ++d) factor *= (k - d) / 400.0;
+    if (k >= derivative) out += factor * std::pow(x, k - derivative) * Vec3(1.0 + k, 2.0 - 0.3 * k, k % 2 ? -4.0 : 3.0);
+  }
+  return 1e3 * out;
+}
+
+// Ten states of the curve, in the layout of a type.
+TestSegment sampled(int type, int subtype, int window, int degree) {
+  const bool equal = type == 8 || type == 12;
+  const int count = 10;
+  TestSegment out{.target = 10, .center = 0, .type = type, .begin = 0.0, .end = 900.0};
+  std::vector<double> times;
+  for (int i = 0; i < count; ++i)
+    times.push_back(equal ? 100.0 * i : 100.0 * i + (i % 9 ? 13.0 * std::sin(7.0 * i) : 0.0));
+  const auto append = [&](const Vec3& v) { out.words.insert(out.words.end(), {v.x(), v.y(), v.z()}); };
+  for (const double t : times) {
+    append(curve(t, degree, 0));
+    append(curve(t, degree, 1));
+    if (type >= 18 && subtype == 0) {
+      append(curve(t, degree, 1));
+      append(curve(t, degree, 2));
+    }
+  }
+  if (!equal) out.words.insert(out.words.end(), times.begin(), times.end());
+  if (equal) out.words.insert(out.words.end(), {0.0, 100.0});
+  if (type >= 18) {
+    out.words.insert(out.words.end(), {static_cast<double>(subtype), static_cast<double>(window)});
+  } else {
+    out.words.push_back(window - 1.0);
+  }
+  out.words.push_back(count);
+  if (type == 19) {  // one piece, its borders, where it begins and ends, whose a border is, how many
+    const auto end = static_cast<double>(out.words.size() + 1);
+    out.words.insert(out.words.end(), {0.0, 900.0, 1.0, end, 1.0, 1.0});
+  }
+  return out;
+}
+
+TEST(Ephemeris, InterpolatedStatesReproducePolynomials) {
+  struct Case {
+    int type, subtype, window, degree;
+  };
+  for (const bool little : {true, false}) {
+    for (const Case c : {Case{8, 0, 4, 3}, Case{8, 0, 5, 4}, Case{9, 0, 4, 3}, Case{9, 0, 7, 6}, Case{12, 0, 2, 3},
+                         Case{12, 0, 4, 7}, Case{13, 0, 2, 3}, Case{13, 0, 3, 5}, Case{18, 0, 4, 7}, Case{18, 1, 6, 5},
+                         Case{18, 2, 4, 7}, Case{19, 0, 4, 7}, Case{19, 1, 6, 5}, Case{19, 2, 4, 7}}) {
+      const auto kernel = KernelWriter(little).add(sampled(c.type, c.subtype, c.window, c.degree));
+      const auto ephemeris = Ephemeris::open(kernel.bytes());
+      ASSERT_TRUE(ephemeris) << c.type << ": " << describe(ephemeris.error());
+      // Types 18 and 19 take fewer states near the ends.
+      const double margin = c.type >= 18 ? 320.0 : 0.0;
+      for (double t = margin; t <= 900.0 - margin; t += 11.0) {
+        const auto state = ephemeris->state(body::sun, body::solar_system_barycenter, at(t));
+        ASSERT_TRUE(state) << describe(state.error());
+        EXPECT_LT((state->p_m - 1e3 * curve(t, c.degree, 0)).norm(), 1e-3) << c.type << "/" << c.subtype << " " << t;
+        EXPECT_LT((state->v_m_s - 1e3 * curve(t, c.degree, 1)).norm(), 1e-4) << c.type << "/" << c.subtype << " " << t;
+      }
+      for (const double t : {0.0, 900.0})
+        EXPECT_TRUE(ephemeris->state(body::sun, body::solar_system_barycenter, at(t)));
+    }
+  }
+}
+
 // ---- Real kernels: what a segment promises ----
 
 // The velocity is the derivative of the position (type 2: exactly; type 3 holds its own, so only as good as it is).
