@@ -2,7 +2,9 @@
 // Figures of rendering and image processing.
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <string>
+#include <thread>
 #include <unordered_map>
 #include <utility>
 
@@ -33,19 +35,28 @@ constexpr double kPriorSigmaRad = 200.0 * kArcsecond;
 class Photographer {
  public:
   Photographer(const Bench& bench, const Camera& camera)
-      : bench_(bench), camera_(camera), renderer_(camera, 1), random_({.seed = 1, .purpose = "bench pointings"}) {}
+      : Photographer(bench, std::make_shared<const render::Renderer>(camera, 1), 1) {}
+  // Beside others that share the renderer.
+  Photographer(const Bench& bench, std::shared_ptr<const render::Renderer> renderer, std::uint64_t seed)
+      : bench_(bench), renderer_(std::move(renderer)), random_({.seed = seed, .purpose = "bench pointings"}) {}
 
   // From the pointing to the DN: the stars of the field are looked up too.
   Result<void> shoot() {
     R_CN = R_CN_from_pointing(
         {random_.uniform(0.0, 2.0 * kPi), std::asin(random_.uniform(-1.0, 1.0)), random_.uniform(0.0, 2.0 * kPi)});
+    const Camera& camera = renderer_->camera();
     const auto sky = bench_.world->sky().look(bench_.epoch, bench_.observer_O, R_CN.row(2).transpose(),
-                                              camera_.intrinsics.half_diagonal_rad() + 0.5 * kDegree,
+                                              camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree,
                                               bench_.world->band(), bench_.world->sky_settings());
     if (!sky) return forward(sky);
-    sources = render::place_sources(*sky, camera_, R_CN, camera_.exposure_s);
-    renderer_.frame(sources, {.duration_s = camera_.exposure_s}, {.image = ++images_, .purpose = "frame"}, frame);
+    sources = render::place_sources(*sky, camera, R_CN, camera.exposure_s);
+    draw();
     return {};
+  }
+  // The same sources once more, with noise of their own.
+  void draw() {
+    renderer_->frame(sources, {.duration_s = renderer_->camera().exposure_s}, {.image = ++images_, .purpose = "frame"},
+                     frame);
   }
 
   // The last frame.
@@ -55,8 +66,7 @@ class Photographer {
 
  private:
   const Bench& bench_;
-  Camera camera_;
-  render::Renderer renderer_;
+  std::shared_ptr<const render::Renderer> renderer_;
   RandomStream random_;
   std::uint64_t images_ = 0;
 };
@@ -79,6 +89,17 @@ Camera finer(Camera camera) {
   d.pixel_pitch_m *= 0.5;
   d.background_e_s_px *= 0.25;
   d.dark_current_e_s *= 0.25;
+  return camera;
+}
+
+// Everything that makes noise, at rates typical of a small camera in deep space.
+Camera noisiest(Camera camera) {
+  Detector& d = camera.detector;
+  d.hot_pixel_share = 1e-4;
+  d.hot_pixel_e_s = 500.0;
+  d.cosmic_rays_cm2_s = 5.0;
+  d.blooming = true;
+  d.frame_transfer_row_us = 1.0;
   return camera;
 }
 
@@ -224,10 +245,47 @@ Result<std::unique_ptr<OnboardEyes>> OnboardEyes::create(const Bench& bench) {
 }
 
 Result<Figure> render_fps_1024(Bench& bench) {
-  return render_fps(bench, bench.world->camera());
+  return render_fps(bench, noisiest(bench.world->camera()));
 }
 Result<Figure> render_fps_2048(Bench& bench) {
-  return render_fps(bench, finer(bench.world->camera()));
+  return render_fps(bench, noisiest(finer(bench.world->camera())));
+}
+
+// What of the former is the drawing itself: the sources are known, and the same in every frame.
+Result<Figure> render_frame_ms_1024(Bench& bench) {
+  Photographer photographer(bench, noisiest(bench.world->camera()));
+  if (const auto shot = photographer.shoot(); !shot) return forward(shot);
+  const Timing timing = measure([&] { photographer.draw(); });
+  return Figure{timing.median_s() * 1e3, "ms",
+                fmt::format("sources to DN, {} sources; {}", photographer.sources.size(), spread(timing, 1e3, "ms"))};
+}
+
+// Frames of two threads over those of one, in turns, so that what else the machine does falls on both alike.
+Result<Figure> render_two_threads(Bench& bench) {
+  constexpr int kRounds = 7;
+  constexpr double kRoundS = 0.3;
+  const auto renderer = std::make_shared<const render::Renderer>(noisiest(bench.world->camera()), 1);
+  const auto work = [&](std::uint64_t seed, double until, std::size_t& frames) {
+    Photographer photographer(bench, renderer, seed);
+    while (seconds_now() < until && photographer.shoot()) ++frames;
+  };
+  std::vector<double> ratios;
+  for (int i = 0; i <= kRounds; ++i) {
+    std::size_t one = 0, first = 0, second = 0;
+    work(1, seconds_now() + kRoundS, one);
+    const double until = seconds_now() + kRoundS;
+    std::thread other([&] { work(2, until, second); });
+    work(1, until, first);
+    other.join();
+    // The first round warms up.
+    if (i > 0 && one > 0) ratios.push_back(static_cast<double>(first + second) / static_cast<double>(one));
+  }
+  if (ratios.empty()) return fail(ErrorCode::not_converged, "no frame was made");
+  return Figure{
+      median(ratios), "x",
+      fmt::format("frames of two threads over those of one, median of {} turns; smallest {:.3g}, largest "
+                  "{:.3g}; {} processors",
+                  ratios.size(), quantile(ratios, 0.0), quantile(ratios, 1.0), std::thread::hardware_concurrency())};
 }
 
 Result<Figure> vision_ms_lost_in_space_1024(Bench& bench) {

@@ -197,19 +197,34 @@ std::optional<EvenLaws> EvenLaws::make(const DnChain& chain, double lowest_mean_
   return made;
 }
 
-void EvenLaws::draw(std::span<const std::uint16_t> levels, RandomBlock& random, std::uint16_t* out) const {
-  constexpr std::size_t kBlock = 2048;
-  std::array<std::uint32_t, kBlock> words;
+void EvenLaws::draw_row(const std::uint16_t* levels, const std::uint16_t* raised, const std::uint32_t* words,
+                        std::size_t count, std::uint16_t* out) const {
   const std::uint32_t* const slots = tables_.slots();
   const int bits = tables_.bits();
   const std::uint32_t first = first_dn_;
-  for (std::size_t begin = 0; begin < levels.size(); begin += kBlock) {
-    const std::size_t count = std::min(kBlock, levels.size() - begin);
-    random.fill(std::span(words).first(count));
-    const std::uint16_t* const level = levels.data() + begin;
-    std::uint16_t* const dn = out + begin;
+  if (raised == nullptr) {
     for (std::size_t i = 0; i < count; ++i) {
-      dn[i] = static_cast<std::uint16_t>(first + AliasTables::draw(slots, bits, level[i], words[i]));
+      out[i] = static_cast<std::uint16_t>(first + AliasTables::draw(slots, bits, levels[i], words[i]));
+    }
+    return;
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto level = static_cast<std::uint32_t>(levels[i]) + raised[i];
+    out[i] = static_cast<std::uint16_t>(first + AliasTables::draw(slots, bits, level, words[i]));
+  }
+}
+
+void EvenLaws::draw(std::span<const std::uint16_t> levels, std::span<const std::uint16_t> raised, RandomBlock& random,
+                    std::uint16_t* out) const {
+  constexpr std::size_t kBlock = 2048;
+  std::array<std::uint32_t, kBlock> words;
+  const std::size_t width = raised.empty() ? levels.size() : raised.size();
+  for (std::size_t row = 0; row < levels.size(); row += width) {
+    for (std::size_t begin = 0; begin < width; begin += kBlock) {
+      const std::size_t count = std::min(kBlock, width - begin);
+      random.fill(std::span(words).first(count));
+      draw_row(levels.data() + row + begin, raised.empty() ? nullptr : raised.data() + begin, words.data(), count,
+               out + row + begin);
     }
   }
 }

@@ -78,10 +78,16 @@ class EvenLaws {
   std::size_t levels() const { return levels_; }
   // The level nearest to a mean; not below 0 and below levels() where there is one, otherwise anything.
   double level(double mean_e) const { return (mean_e - lowest_e_) / step_e_ + 0.5; }
-  // One draw for each pixel of these levels.
-  void draw(std::span<const std::uint16_t> levels, RandomBlock& random, std::uint16_t* out) const;
+  double step_e() const { return step_e_; }
+  // One draw for each pixel of these levels. `raised`: for each column of a picture as wide, by how many levels its
+  // pixels lie higher (the sum below levels()); empty where none does.
+  void draw(std::span<const std::uint16_t> levels, std::span<const std::uint16_t> raised, RandomBlock& random,
+            std::uint16_t* out) const;
 
  private:
+  void draw_row(const std::uint16_t* levels, const std::uint16_t* raised, const std::uint32_t* words, std::size_t count,
+                std::uint16_t* out) const;
+
   AliasTables tables_;
   double lowest_e_ = 0.0;
   double step_e_ = 1.0;

@@ -18,7 +18,7 @@ namespace astronav::render {
 namespace {
 
 constexpr double kMeanStepSigma = 0.004;  // to which background means are rounded, in noise of the pixel
-constexpr double kLeastSmear = 1e-3;      // of a column, in noise of a dark pixel: less is not drawn
+constexpr double kSmearReserve = 200.0;   // steps that the background's tables reach further, for smeared columns
 constexpr std::size_t kKept = 3;          // backgrounds, of different exposures
 // A pixel this near to its full well (in sigmas) may overflow.
 constexpr double kNearlyFull = 8.0;
@@ -126,6 +126,26 @@ class Column {
   std::vector<double> charge_;
 };
 
+// Light that columns have caught on their way to the store.
+struct Smear {
+  std::vector<float> electrons;       // a pixel, of columns that the background's tables can raise
+  std::vector<std::uint16_t> raised;  // by how many of its levels; empty where no column is
+};
+
+// Pixels under sources: those that tables can draw, and those too bright for them.
+struct Gathered {
+  std::vector<std::uint32_t> index;
+  std::vector<float> mean_e;
+  std::vector<std::uint16_t> dn;
+  std::vector<std::pair<std::uint32_t, double>> bright;
+
+  void clear() {
+    index.clear();
+    mean_e.clear();
+    bright.clear();
+  }
+};
+
 }  // namespace
 
 struct Renderer::Background {
@@ -139,12 +159,25 @@ struct Renderer::Background {
   Image<Pixel> pixels;
   std::optional<EvenLaws> laws;
   std::vector<std::uint16_t> level;  // of each pixel in `laws`
+  double most_raised = 0.0;          // levels that are left above the brightest of these pixels
   std::vector<std::uint32_t> apart;  // pixels whose mean no level fits: drawn by themselves
   std::shared_ptr<const std::optional<GradedLaws>> graded;
 
   bool is_for(const Exposure& e, const Effects& f) const {
     return exposure.duration_s == e.duration_s && effects == f && exposure.sun_C_m == e.sun_C_m;
   }
+  double mean_e(int u, int v, float light_e, const Smear& smear) const {
+    const Pixel& pixel = pixels(u, v);
+    return static_cast<double>(pixel.mean_e +
+                               (light_e + smear.electrons[static_cast<std::size_t>(u)]) * pixel.response);
+  }
+
+  void smear_columns(double transfer, Sheet& sheet, Smear& smear) const;
+  void draw(const Smear& smear, const StreamId& noise, RandomStream& single, std::span<std::uint16_t> dn) const;
+  void gather(const Smear& smear, Sheet& sheet, Gathered& gathered) const;
+  void draw_gathered(const StreamId& noise, Gathered& gathered, std::span<std::uint16_t> dn) const;
+  void draw_bright(const Smear& smear, const Sheet& sheet, const Gathered& gathered, bool blooming,
+                   RandomStream& single, ImageU16& out) const;
 };
 
 struct Renderer::Cache {
@@ -216,14 +249,19 @@ std::shared_ptr<const Renderer::Background> Renderer::background(const Exposure&
 
   const double step = kMeanStepSigma * made->chain.noise_e(0.5 * (lowest + highest));
   // Without shot and read noise there is nothing to draw.
-  if (effects.shot) made->laws = EvenLaws::make(made->chain, lowest, highest, step);
+  if (effects.shot) {
+    const double reserve = transfer > 0.0 ? kSmearReserve * step : 0.0;
+    made->laws = EvenLaws::make(made->chain, lowest, highest + reserve, step);
+  }
   if (made->laws) {
     const auto means = made->pixels.pixels();
     const auto levels = static_cast<double>(made->laws->levels());
+    const double top = made->laws->level(highest);
+    made->most_raised = std::max(0.0, std::floor(levels - 1.0 - top));
     made->level.resize(means.size());
     for (std::size_t i = 0; i < means.size(); ++i) {
       const double level = made->laws->level(static_cast<double>(means[i].mean_e));
-      if (level >= 0.0 && level < levels) {
+      if (level >= 0.0 && level < levels && static_cast<double>(means[i].mean_e) <= highest) {
         made->level[i] = static_cast<std::uint16_t>(level);
       } else {
         made->apart.push_back(static_cast<std::uint32_t>(i));
@@ -265,71 +303,129 @@ void Renderer::electrons(std::span<const RenderedSource> sources, const Exposure
   }
 }
 
-namespace {
+// Sources lie far apart in memory: the next ones are asked for while one is painted or gathered.
+constexpr std::size_t kAhead = 4;
 
-// Pixels under sources: those that tables can draw, and those too bright for them.
-struct Gathered {
-  std::vector<std::uint32_t> index;
-  std::vector<float> mean_e;
-  std::vector<std::uint16_t> dn;
-  std::vector<std::pair<std::uint32_t, double>> bright;
-
-  void clear() {
-    index.clear();
-    mean_e.clear();
-    bright.clear();
+// Most columns need a few levels more all over, those of planets a drawing of their own.
+void Renderer::Background::smear_columns(double transfer, Sheet& sheet, Smear& smear) const {
+  const int width = sheet.light.width();
+  smear.electrons.assign(static_cast<std::size_t>(width), 0.0f);
+  smear.raised.clear();
+  if (!(transfer > 0.0)) return;
+  smear.raised.assign(static_cast<std::size_t>(width), 0);
+  for (int u = 0; u < width; ++u) {
+    const auto column = static_cast<std::size_t>(u);
+    const double electrons = transfer * sheet.column_sums[column];
+    if (electrons == 0.0) continue;
+    const double levels = laws ? std::round(electrons / laws->step_e()) : 0.0;
+    if (laws && levels <= most_raised) {
+      smear.electrons[column] = static_cast<float>(electrons);
+      smear.raised[column] = static_cast<std::uint16_t>(levels);
+      continue;
+    }
+    for (int v = 0; v < sheet.light.height(); ++v) sheet.light(u, v) += static_cast<float>(electrons);
+    sheet.windows.push_back({u, u + 1, 0, sheet.light.height()});
   }
-};
+}
 
-}  // namespace
+// Everything without sources.
+void Renderer::Background::draw(const Smear& smear, const StreamId& noise, RandomStream& single,
+                                std::span<std::uint16_t> dn) const {
+  const int width = pixels.width();
+  const auto draw_one = [&](std::size_t i) {
+    const int u = static_cast<int>(i % static_cast<std::size_t>(width));
+    dn[i] = chain.draw(mean_e(u, static_cast<int>(i / static_cast<std::size_t>(width)), 0.0f, smear), single);
+  };
+  if (!laws) {
+    for (std::size_t i = 0; i < dn.size(); ++i) draw_one(i);
+    return;
+  }
+  RandomBlock random = block_of(noise, "background noise");
+  laws->draw(level, smear.raised, random, dn.data());
+  for (const std::uint32_t i : apart) draw_one(i);
+}
+
+// A pixel's light turns negative once it is gathered.
+void Renderer::Background::gather(const Smear& smear, Sheet& sheet, Gathered& gathered) const {
+  const double tabulated_up_to = *graded ? (*graded)->max_mean_e() : -1.0;
+  for (std::size_t i = 0; i < sheet.windows.size(); ++i) {
+    if (i + kAhead < sheet.windows.size()) {
+      const Window& next = sheet.windows[i + kAhead];
+      for (int v = next.v_begin; v < next.v_end; ++v) {
+        __builtin_prefetch(sheet.light.row(v) + next.u_begin, 1);
+        __builtin_prefetch(pixels.row(v) + next.u_begin);
+        __builtin_prefetch(pixels.row(v) + next.u_end);
+      }
+    }
+    const Window& window = sheet.windows[i];
+    for (int v = window.v_begin; v < window.v_end; ++v) {
+      float* const light = sheet.light.row(v);
+      const auto row = static_cast<std::uint32_t>(v) * static_cast<std::uint32_t>(pixels.width());
+      for (int u = window.u_begin; u < window.u_end; ++u) {
+        if (!(light[u] > 0.0f)) continue;
+        const double mean = mean_e(u, v, light[u], smear);
+        light[u] = -light[u];
+        if (mean <= tabulated_up_to) {
+          gathered.index.push_back(row + static_cast<std::uint32_t>(u));
+          gathered.mean_e.push_back(static_cast<float>(mean));
+        } else {
+          gathered.bright.emplace_back(row + static_cast<std::uint32_t>(u), mean);
+        }
+      }
+    }
+  }
+}
+
+void Renderer::Background::draw_gathered(const StreamId& noise, Gathered& gathered, std::span<std::uint16_t> dn) const {
+  if (!*graded || gathered.index.empty()) return;
+  gathered.dn.resize(gathered.index.size());
+  RandomBlock random = block_of(noise, "source noise");
+  (*graded)->draw(gathered.mean_e, random, gathered.dn.data());
+  for (std::size_t i = 0; i < gathered.index.size(); ++i) dn[gathered.index[i]] = gathered.dn[i];
+}
+
+void Renderer::Background::draw_bright(const Smear& smear, const Sheet& sheet, const Gathered& gathered, bool blooming,
+                                       RandomStream& single, ImageU16& out) const {
+  const int width = out.width();
+  const double nearly_full = chain.full_well_e - kNearlyFull * std::sqrt(chain.full_well_e);
+  std::map<int, Column> overflowing;
+  for (const auto& [index, mean] : gathered.bright) {
+    const int u = static_cast<int>(index) % width;
+    const int v = static_cast<int>(index) / width;
+    if (blooming && mean > nearly_full) {
+      overflowing.try_emplace(u, out.height(), chain.full_well_e).first->second.set(v, chain.collect(mean, single));
+    } else {
+      out(u, v) = chain.draw(mean, single);
+    }
+  }
+  for (auto& [column_u, column] : overflowing) {
+    const int u = column_u;
+    column.overflow([&](int v) { return chain.collect(mean_e(u, v, std::abs(sheet.light(u, v)), smear), single); });
+    for (int v = 0; v < out.height(); ++v) {
+      if (column.known(v)) out(u, v) = chain.read(column.charge(v), single);
+    }
+  }
+}
 
 void Renderer::frame(std::span<const RenderedSource> sources, const Exposure& exposure, const StreamId& noise,
                      ImageU16& out, const Effects& effects) const {
   const int width = camera_.intrinsics.width_px;
   const int height = camera_.intrinsics.height_px;
   if (out.width() != width || out.height() != height) out = ImageU16(width, height);
-  const auto dn = out.pixels();
   const std::shared_ptr<const Background> ground = background(exposure, effects);
-  const DnChain& chain = ground->chain;
-  const GradedLaws* const graded = *ground->graded ? &**ground->graded : nullptr;
-  const double tabulated_up_to = graded != nullptr ? graded->max_mean_e() : -1.0;
-  RandomStream single = stream_of(noise, "single pixels");
-  RandomBlock many = block_of(noise, "source noise");
 
-  // Everything without sources.
-  if (ground->laws) {
-    RandomBlock sky_noise = block_of(noise, "background noise");
-    ground->laws->draw(ground->level, sky_noise, dn.data());
-    for (const std::uint32_t p : ground->apart) {
-      dn[p] = chain.draw(static_cast<double>(ground->pixels.pixels()[p].mean_e), single);
-    }
-  } else {
-    const auto pixels = ground->pixels.pixels();
-    for (std::size_t i = 0; i < dn.size(); ++i) dn[i] = chain.draw(static_cast<double>(pixels[i].mean_e), single);
-  }
-
-  // Light of the sources, gathered where they overlap. The sheet is dark between frames.
+  // Light is gathered where it overlaps. The sheet is dark between frames.
   thread_local Sheet sheet;
+  thread_local Smear smear;
   thread_local Gathered gathered;
   sheet.prepare(width, height);
   gathered.clear();
   const Painter painter(camera_, effects);
-  // Sources lie far apart in memory: the next ones are asked for while one is painted.
-  constexpr std::size_t kAhead = 4;
   for (std::size_t i = 0; i < sources.size(); ++i) {
     if (i + kAhead < sources.size()) prefetch(sheet, sources[i + kAhead].pixel);
     painter.add(sources[i], sheet);
   }
-  const double transfer = transfer_share(camera_, exposure, effects);
-  if (transfer > 0.0) {
-    const double least = kLeastSmear * chain.noise_e(0.0);
-    for (int u = 0; u < width; ++u) {
-      const double smear = transfer * sheet.column_sums[static_cast<std::size_t>(u)];
-      if (smear < least) continue;
-      for (int v = 0; v < height; ++v) sheet.light(u, v) += static_cast<float>(smear);
-      sheet.windows.push_back({u, u + 1, 0, height});
-    }
-  }
+  ground->smear_columns(transfer_share(camera_, exposure, effects), sheet, smear);
   if (effects.cosmic_rays && camera_.detector.cosmic_rays_cm2_s > 0.0) {
     RandomStream protons = stream_of(noise, "protons");
     for (const ProtonPixel& hit : proton_hits(camera_, exposure.duration_s, protons)) {
@@ -337,62 +433,12 @@ void Renderer::frame(std::span<const RenderedSource> sources, const Exposure& ex
     }
   }
 
-  // A pixel's light turns negative once it is gathered, and zero at the end.
-  for (std::size_t i = 0; i < sheet.windows.size(); ++i) {
-    if (i + kAhead < sheet.windows.size()) {
-      const Window& next = sheet.windows[i + kAhead];
-      for (int v = next.v_begin; v < next.v_end; ++v) {
-        __builtin_prefetch(sheet.light.row(v) + next.u_begin, 1);
-        __builtin_prefetch(ground->pixels.row(v) + next.u_begin);
-        __builtin_prefetch(ground->pixels.row(v) + next.u_end);
-      }
-    }
-    const Window& window = sheet.windows[i];
-    for (int v = window.v_begin; v < window.v_end; ++v) {
-      float* const light = sheet.light.row(v);
-      const Background::Pixel* const pixel = ground->pixels.row(v);
-      const auto row = static_cast<std::uint32_t>(v) * static_cast<std::uint32_t>(width);
-      for (int u = window.u_begin; u < window.u_end; ++u) {
-        if (!(light[u] > 0.0f)) continue;
-        const float mean = pixel[u].mean_e + light[u] * pixel[u].response;
-        light[u] = -light[u];
-        if (static_cast<double>(mean) <= tabulated_up_to) {
-          gathered.index.push_back(row + static_cast<std::uint32_t>(u));
-          gathered.mean_e.push_back(mean);
-        } else {
-          gathered.bright.emplace_back(row + static_cast<std::uint32_t>(u), static_cast<double>(mean));
-        }
-      }
-    }
-  }
-  if (graded != nullptr && !gathered.index.empty()) {
-    gathered.dn.resize(gathered.index.size());
-    graded->draw(gathered.mean_e, many, gathered.dn.data());
-    for (std::size_t i = 0; i < gathered.index.size(); ++i) dn[gathered.index[i]] = gathered.dn[i];
-  }
-
+  RandomStream single = stream_of(noise, "single pixels");
+  ground->draw(smear, noise, single, out.pixels());
+  ground->gather(smear, sheet, gathered);
+  ground->draw_gathered(noise, gathered, out.pixels());
   const bool blooming = effects.blooming && effects.full_well && camera_.detector.blooming;
-  const double nearly_full = chain.full_well_e - kNearlyFull * std::sqrt(chain.full_well_e);
-  std::map<int, Column> overflowing;
-  for (const auto& [index, mean] : gathered.bright) {
-    if (blooming && mean > nearly_full) {
-      const int u = static_cast<int>(index) % width;
-      overflowing.try_emplace(u, height, chain.full_well_e)
-          .first->second.set(static_cast<int>(index) / width, chain.collect(mean, single));
-    } else {
-      dn[index] = chain.draw(mean, single);
-    }
-  }
-  for (auto& [u, column] : overflowing) {
-    const int at = u;
-    column.overflow([&](int v) {
-      const Background::Pixel& pixel = ground->pixels(at, v);
-      return chain.collect(static_cast<double>(pixel.mean_e + std::abs(sheet.light(at, v)) * pixel.response), single);
-    });
-    for (int v = 0; v < height; ++v) {
-      if (column.known(v)) out(at, v) = chain.read(column.charge(v), single);
-    }
-  }
+  ground->draw_bright(smear, sheet, gathered, blooming, single, out);
   for (const Window& window : sheet.windows) {
     for (int v = window.v_begin; v < window.v_end; ++v) {
       std::fill(sheet.light.row(v) + window.u_begin, sheet.light.row(v) + window.u_end, 0.0f);
