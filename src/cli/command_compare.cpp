@@ -259,7 +259,9 @@ Result<Asked> read_request(const Options& options) {
     request.R_CN = plate->R_CN;
     request.mirrored = plate->mirrored;
     request.fit_plate = false;
-    request.aberration = false;
+    // Plates from catalogue places hold no aberration; ours do.
+    const auto creator = asked.picture.header.find("CREATOR");
+    request.aberration = creator != asked.picture.header.end() && creator->second.starts_with("astronav");
     request.epoch = epoch.value_or(Epoch{});
     return asked;
   }

@@ -110,5 +110,25 @@ TEST(RealSky, ParallaxIsNeeded) {
     EXPECT_TRUE(!target.contains("residual_px") || target["residual_px"].get<double>() > 1.0);
 }
 
+// A frame of our own by the plate in its header: FITS rows, SIP terms and aberration come back as they went.
+TEST(RealSky, OwnFrameByItsHeader) {
+  const testing::ScratchFolder scratch;
+  setenv("ASTRONAV_HOME", ASTRONAV_TEST_HOME, 1);
+  const testing::Outcome rendered = testing::run_program(
+      ASTRONAV_PROGRAM,
+      testing::words("render --camera star-tracker-10deg --epoch 2026-11-22 --pointing 83,5,40 --out own.fits"),
+      scratch.path());
+  ASSERT_EQ(rendered.status, 0) << rendered.err;
+  const json found = compared(
+      {"own.fits", "--camera", "star-tracker-10deg", "--wcs-from-header", "--observer", "earth"}, scratch.path());
+  ASSERT_TRUE(found.contains("status"));
+  EXPECT_GE(found["stars"].get<int>(), 40);
+  EXPECT_LE(found["geometric_median_px"].get<double>(), 0.08);
+  EXPECT_NEAR(found["rmse_over_noise"].get<double>(), 1.0, 0.05);
+  const json still = compared({"own.fits", "--camera", "star-tracker-10deg", "--wcs-from-header"}, scratch.path());
+  ASSERT_TRUE(still.contains("status"));
+  EXPECT_GT(still["geometric_median_px"].get<double>(), 2.0 * found["geometric_median_px"].get<double>());
+}
+
 }  // namespace
 }  // namespace astronav

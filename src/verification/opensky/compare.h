@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compare: a real picture of the sky held against the rendering of the same sky (docs/theory/real-sky.md).
+// Compare: a real picture of the sky held against the rendering of the same sky (docs/real-sky.md).
 //
 // What the camera is (plate, distortion, point-spread function, zero point, colour, vignetting, noise) is fitted on the
 // picture; the rendering is the simulator's: Sky, place_sources, Renderer. Stars are judged by a camera that was fitted

@@ -18,7 +18,7 @@ struct SmoothSky {
 SmoothSky smooth_sky(const ImageF& picture, double step);
 
 // sigma^2 = floor + slope * level (a pedestal under the levels makes the floor negative): the photon transfer of the
-// picture's own tiles (docs/theory/real-sky.md). Without a slope worth the name (a dark or an evenly lit picture) all
+// picture's own tiles (docs/real-sky.md). Without a slope worth the name (a dark or an evenly lit picture) all
 // of it is floor. `known_slope_dn` where the gain is known.
 struct NoiseLaw {
   double floor_dn2 = 0.0;
