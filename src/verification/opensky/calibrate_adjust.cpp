@@ -18,6 +18,7 @@ namespace {
 constexpr double kFarOffPx = 1e6;  // residual of a star that falls nowhere
 constexpr double kLeastSigmaPx = 1e-3;
 constexpr int kStarsForScale = 40;
+constexpr double kMostSurprise = 50.0;  // one star that falls off the rim must not decide between models
 
 using Lens = Eigen::VectorXd;  // changes of the free parameters
 using ByLens = Eigen::MatrixXd;
@@ -323,6 +324,7 @@ Result<CrossValidation> cross_validate(std::span<const StarObservation> observat
   std::shuffle(order.begin(), order.end(), random);
   CrossValidation out{.freedom = freedom, .surprise = std::vector<double>(observations.size(), 0.0)};
   double squares = 0.0, surprises = 0.0;
+  std::size_t foretold = 0;
   for (int fold = 0; fold < folds; ++fold) {
     std::vector<StarObservation> kept;
     for (std::size_t i = 0; i < order.size(); ++i) {
@@ -338,14 +340,17 @@ Result<CrossValidation> cross_validate(std::span<const StarObservation> observat
       const auto predicted =
           project(fitted.camera, fitted.R_CN[static_cast<std::size_t>(star.frame)] * star.direction_N);
       const Vec2 miss = predicted ? Vec2(star.pixel.vec() - predicted->vec()) : Vec2::Constant(kFarOffPx);
-      out.surprise[order[i]] = miss.dot(scatter.covariance(star.covariance_px2).inverse() * miss);
-      squares += miss.squaredNorm();
+      out.surprise[order[i]] =
+          std::min(kMostSurprise, miss.dot(scatter.covariance(star.covariance_px2).inverse() * miss));
+      if (predicted) {
+        squares += miss.squaredNorm();
+        ++foretold;
+      }
       surprises += out.surprise[order[i]];
     }
   }
-  const double count = static_cast<double>(std::max<std::size_t>(1, observations.size()));
-  out.held_out_rms_px = std::sqrt(squares / count);
-  out.mean_surprise = surprises / count;
+  out.held_out_rms_px = std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, foretold)));
+  out.mean_surprise = surprises / static_cast<double>(std::max<std::size_t>(1, observations.size()));
   return out;
 }
 

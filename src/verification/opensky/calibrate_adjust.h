@@ -72,7 +72,7 @@ Result<Adjustment> adjust(std::span<const StarObservation> observations, std::sp
 struct CrossValidation {
   LensFreedom freedom;
   double held_out_rms_px = 0.0;  // both axes together
-  std::vector<double> surprise;  // of each observation, when held out: r' C^-1 r
+  std::vector<double> surprise;  // of each observation, when held out: r' C^-1 r, at most 50
   double mean_surprise = 0.0;
 };
 // `folds` times all but one part of the stars are fitted and the rest predicted. The parts are drawn by a stream of

@@ -15,8 +15,10 @@ namespace astronav::opensky {
 namespace {
 
 constexpr double kFocalStep = 1.025;
-constexpr double kNet = 2.5 * kDegree;  // how far a lens that is not equidistant may put stars at first
-constexpr double kPairTolerance = 3.0 * kDegree;
+// From the equidistant lens to one that squeezes the rim as r = sin(a) nearly does.
+constexpr std::array<double, 3> kLenses{0.0, -0.05, -0.1};  // k1
+constexpr double kNet = 2.5 * kDegree;                      // how far between those a lens may put stars at first
+constexpr double kPairTolerance = 2.5 * kDegree;
 constexpr std::size_t kPairSpots = 12;
 constexpr std::size_t kCheckSpots = 30;
 constexpr double kPairMag = 2.6;   // of the stars that make pairs
@@ -31,7 +33,7 @@ struct StarPair {
 
 struct Guess {
   Mat3 R_CN;
-  double focal_px;
+  Intrinsics camera;
   bool mirrored;
   int hits;
 };
@@ -82,16 +84,21 @@ class Net {
   std::vector<char> marked_;
 };
 
-Vec3 direction_at(Pixel p, double cu, double cv, double focal_px) {
-  const double x = (p.u - cu) / focal_px, y = (p.v - cv) / focal_px;
-  const double a = std::hypot(x, y);
-  const double s = a > 0.0 ? std::sin(a) / a : 1.0;
-  return {s * x, s * y, std::cos(a)};
+// The lens with this k1 that puts 90 degrees where an equidistant one of this focal length does.
+Intrinsics first_camera(int width, int height, double focal_px, double k1) {
+  Intrinsics camera;
+  camera.width_px = width;
+  camera.height_px = height;
+  camera.fx_px = camera.fy_px = focal_px / (1.0 + k1 * 0.25 * kPi * kPi);
+  camera.cx_px = 0.5 * (width - 1);
+  camera.cy_px = 0.5 * (height - 1);
+  camera.model = ProjectionModel::fisheye;
+  camera.distortion.k1 = k1;
+  return camera;
 }
 
 // A guess, fitted with growing lists of stars within shrinking nets.
-Result<FisheyeLook> refine(const Guess& guess, std::span<const vision::Centroid> spots, std::span<const SkyStar> sky,
-                           int width, int height) {
+Result<FisheyeLook> refine(const Guess& guess, std::span<const vision::Centroid> spots, std::span<const SkyStar> sky) {
   struct Step {
     std::size_t spots;
     double max_v_mag, net_rad;
@@ -106,12 +113,7 @@ Result<FisheyeLook> refine(const Guess& guess, std::span<const vision::Centroid>
   look.mirrored = guess.mirrored;
   look.R_CN = guess.R_CN;
   Intrinsics& camera = look.camera;
-  camera.width_px = width;
-  camera.height_px = height;
-  camera.fx_px = camera.fy_px = guess.focal_px;
-  camera.cx_px = 0.5 * (width - 1);
-  camera.cy_px = 0.5 * (height - 1);
-  camera.model = ProjectionModel::fisheye;
+  camera = guess.camera;
   for (const Step& step : steps) {
     const auto judged = spots.first(std::min(spots.size(), step.spots));
     const auto fainter =
@@ -147,7 +149,6 @@ Result<FisheyeLook> refine(const Guess& guess, std::span<const vision::Centroid>
 Result<FisheyeLook> find_fisheye(std::span<const vision::Centroid> spots, std::span<const SkyStar> sky, int width,
                                  int height, double focal_min_px, double focal_max_px,
                                  const std::optional<Near>& near) {
-  const double cu = 0.5 * (width - 1), cv = 0.5 * (height - 1);
   std::vector<SkyStar> pair_stars, check_stars;
   for (const SkyStar& star : sky) {
     if (near && star.direction_N.dot(near->direction_N) < std::cos(std::min(kPi, near->radius_rad + 100.0 * kDegree)))
@@ -172,9 +173,16 @@ Result<FisheyeLook> find_fisheye(std::span<const vision::Centroid> spots, std::s
     if (mirrored) {
       for (vision::Centroid& spot : seen) spot.pixel.u = width - 1 - spot.pixel.u;
     }
-    for (double focal = focal_min_px; focal <= focal_max_px * std::sqrt(kFocalStep); focal *= kFocalStep) {
+    std::vector<Intrinsics> cameras;
+    for (const double k1 : kLenses) {
+      for (double focal = focal_min_px; focal <= focal_max_px * std::sqrt(kFocalStep); focal *= kFocalStep)
+        cameras.push_back(first_camera(width, height, focal, k1));
+    }
+    for (const Intrinsics& camera : cameras) {
       std::vector<Vec3> directions;
-      for (const vision::Centroid& spot : seen) directions.push_back(direction_at(spot.pixel, cu, cv, focal));
+      for (const vision::Centroid& spot : seen) {
+        if (const auto direction = unproject(camera, spot.pixel)) directions.push_back(*direction);
+      }
       const std::size_t corners = std::min(kPairSpots, directions.size());
       for (std::size_t i = 0; i < corners; ++i) {
         for (std::size_t j = i + 1; j < corners; ++j) {
@@ -195,7 +203,7 @@ Result<FisheyeLook> find_fisheye(std::span<const vision::Centroid> spots, std::s
             }
             if (best.size() == kRefined && hits <= best.back().hits) continue;
             const auto place = std::find_if(best.begin(), best.end(), [&](const Guess& g) { return g.hits < hits; });
-            best.insert(place, {R_CN, focal, mirrored, hits});
+            best.insert(place, {R_CN, camera, mirrored, hits});
             if (best.size() > kRefined) best.pop_back();
           }
         }
@@ -210,7 +218,7 @@ Result<FisheyeLook> find_fisheye(std::span<const vision::Centroid> spots, std::s
     if (guess.mirrored) {
       for (vision::Centroid& spot : seen) spot.pixel.u = width - 1 - spot.pixel.u;
     }
-    auto look = refine(guess, seen, sky, width, height);
+    auto look = refine(guess, seen, sky);
     if (!look || look->chance_probability * tried > kMaxChance) continue;
     look->chance_probability *= tried;
     if (!found || look->chance_probability < found->chance_probability) found = *look;

@@ -22,9 +22,10 @@ struct FisheyeLook {
 };
 
 // Two bright spots are held to be each pair of bright stars at about their distance, for focal lengths between the two
-// given and both parities; other bright spots must fall near bright stars. The best are refined with growing lists of
-// stars, and the one that chance explains least is taken (docs/theory/camera.md, all-sky). `sky` brightest first;
-// `near`: where the boresight lies. no_match where chance would do as well with a probability above 1e-9.
+// given, three lenses and both parities; other bright spots must fall near bright stars. The best are refined with
+// growing lists of stars, and the one that chance explains least is taken (docs/theory/camera.md, all-sky). `sky`
+// brightest first; `near`: where the boresight lies. no_match where chance would do as well with a probability above
+// 1e-9.
 Result<FisheyeLook> find_fisheye(std::span<const vision::Centroid> spots, std::span<const SkyStar> sky, int width,
                                  int height, double focal_min_px, double focal_max_px, const std::optional<Near>& near);
 

@@ -222,7 +222,7 @@ TEST(CalibrateCamera, KnownPinholeComesBackWithinItsSigmas) {
                                            {290.0 * kDegree, 35.0 * kDegree, 2.0},
                                            {190.0 * kDegree, -55.0 * kDegree, 4.0},
                                            {20.0 * kDegree, 60.0 * kDegree, 5.5}}};
-  const Night night = take_pictures(camera, pointings, false, 10.0);
+  const Night night = take_pictures(camera, pointings, false, 8.5);
   CalibrationRequest request;
   request.field = FieldRange{18.0 * kDegree, 22.0 * kDegree};
   request.ephemeris = &testing::shipped_ephemeris();
@@ -240,7 +240,7 @@ TEST(CalibrateCamera, KnownPinholeComesBackWithinItsSigmas) {
   EXPECT_LT(surprise(found->camera, found->covariance, found->freedom, truth),
             chi_square_quantile(1.0 - kFalseAlarm, found->freedom.count()));
   tell("rendered pinhole", *found, truth);
-  EXPECT_LT(std::sqrt(found->covariance(0, 0)), 0.2);  // of 2904 px: a covariance that says nothing would pass the rest
+  EXPECT_LT(std::sqrt(found->covariance(0, 0)), 0.3);  // of 2904 px: a covariance that says nothing would pass the rest
 }
 
 // A lens that draws straight lines needs a focal length, and no more.
@@ -248,7 +248,7 @@ TEST(CalibrateCamera, NoDistortionIsInventedWhereThereIsNone) {
   const Camera camera = *read_camera("star-tracker-10deg");
   const std::array<Pointing, 2> pointings{
       {{84.0 * kDegree, 2.0 * kDegree, 0.3}, {290.0 * kDegree, 35.0 * kDegree, 2.0}}};
-  const Night night = take_pictures(camera, pointings, true, 10.5);
+  const Night night = take_pictures(camera, pointings, true, 9.5);
   CalibrationRequest request;
   request.field = FieldRange{9.0 * kDegree, 11.0 * kDegree};
   const auto found = calibrate_camera(catalogue(), night.frames, request);

@@ -121,6 +121,9 @@ Result<Solution> Solver::solve(const Picture& picture, const SolveRequest& reque
                          request.field->max_rad < 170.0 * kDegree))
     return fail(ErrorCode::invalid_argument, "a field of view from {0} to {1} degrees; 0 < MIN <= MAX < 170",
                 {request.field->min_rad / kDegree, request.field->max_rad / kDegree});
+  if (request.camera && request.camera->model != ProjectionModel::pinhole)
+    return fail(ErrorCode::unsupported,
+                "pictures of a fisheye are not solved yet; `calibrate camera --fisheye` finds where they look");
   if (request.camera && (request.camera->width_px != width || request.camera->height_px != height))
     return fail(ErrorCode::invalid_argument, "the picture has {0} x {1} pixels, the camera {2} x {3}",
                 {static_cast<double>(width), static_cast<double>(height), static_cast<double>(request.camera->width_px),

@@ -67,7 +67,8 @@ class Solver {
   // The catalogue must outlive the object. Lists of stars are made when a field first asks for them, and kept.
   explicit Solver(const StarCatalogue& catalogue, double max_v_mag = 11.0);
 
-  // no_match where nothing convinces: never a guess. invalid_argument for an impossible field of view.
+  // no_match where nothing convinces: never a guess. invalid_argument for an impossible field of view; unsupported for
+  // a fisheye.
   Result<Solution> solve(const Picture& picture, const SolveRequest& request);
 
  private:
