@@ -14,6 +14,7 @@ import astronav
 
 PROGRAM = os.environ["ASTRONAV"]
 EPOCH = "2027-03-01T00:00:00 TDB"
+CAMERA = Path(os.environ.get("ASTRONAV_HOME") or Path(PROGRAM).resolve().parents[2], "scenarios/cameras/extrema-20deg.toml")
 
 
 class ClientAgainstServer(unittest.TestCase):
@@ -122,6 +123,51 @@ class ClientAgainstServer(unittest.TestCase):
         with self.assertRaises(astronav.Error) as refused:
             astronav.connect(port=1)
         self.assertEqual(refused.exception.code, "io_failure")
+
+
+class ServerOfItsOwn(unittest.TestCase):
+    """What the command line gives a server: a token, a trajectory, a camera."""
+
+    def serve(self, *arguments, **more):
+        server = subprocess.Popen([PROGRAM, "serve", "--port", "0", "--json", *arguments], stdout=subprocess.PIPE, text=True, **more)
+
+        def stop():
+            server.send_signal(signal.SIGINT)
+            self.assertEqual(server.wait(60), 0)
+            server.stdout.close()
+
+        self.addCleanup(stop)
+        return json.loads(server.stdout.readline())["port"]
+
+    def test_other_machines_need_the_token(self):
+        port = self.serve("--listen", "0.0.0.0", env={**os.environ, "ASTRONAV_TOKEN": "a b c"})
+        astronav.connect(port=port, token="a b c").close()
+        for wrong in (None, "", "a b", "a b c "):
+            with self.assertRaises(astronav.Error) as refused:
+                astronav.connect(port=port, token=wrong)
+            self.assertEqual(refused.exception.code, "invalid_argument")
+
+    def test_named_trajectory_and_camera(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        states = "\n".join(f"2027-03-{day:02}T00:00:00 {1e8 + 2e6 * day} {5e7} {-1e6 * day} {2e6 / 86400} 0 {-1e6 / 86400}"
+                           for day in range(1, 11))
+        Path(folder.name, "craft.oem").write_text(
+            "CCSDS_OEM_VERS = 2.0\nCREATION_DATE = 2026-11-22T00:00:00\nORIGINATOR = TEST\nMETA_START\nOBJECT_NAME = CRAFT\n"
+            "OBJECT_ID = 2026-001A\nCENTER_NAME = SOLAR SYSTEM BARYCENTER\nREF_FRAME = ICRF\nTIME_SYSTEM = TDB\n"
+            "START_TIME = 2027-03-01T00:00:00\nSTOP_TIME = 2027-03-10T00:00:00\nMETA_STOP\n" + states + "\n")
+        Path(folder.name, "own.toml").write_text(CAMERA.read_text().replace("width_px = 1024", "width_px = 640"))
+        port = self.serve("--observer", "craft=oem:craft.oem", "--camera", "own.toml", "--workers", "1", cwd=folder.name)
+        with astronav.connect(port=port) as sky:
+            self.assertEqual(sky.welcome["observers"], ["craft"])
+            self.assertIn("own", sky.welcome["cameras"])
+            frame = sky.render(epoch="2027-03-05T12:00:00 TDB", observer="craft", camera="own", attitude={"body": "sun"}, truth=True)
+            self.assertEqual(frame.pixels.shape, (1024, 640))
+            place = frame.truth["observer"]["position_km"]
+            np.testing.assert_allclose([place[k] for k in "xyz"], [1.11e8, 5e7, -5.5e6], atol=1.0)
+            with self.assertRaises(astronav.Error) as refused:
+                sky.render(epoch="2027-04-05", observer="craft", attitude={"body": "sun"})
+            self.assertEqual(refused.exception.code, "out_of_range")
 
 
 if __name__ == "__main__":

@@ -114,7 +114,9 @@ Result<int> run(const Options& options) {
     fmt::print("{}\n", line.dump());
   } else {
     fmt::print("serving on {} port {}\n", options.listen, (*server)->port());
-    if (web_port > 0) fmt::print("live view: http://{}:{}/\n", options.listen, web_port);
+    const bool six = options.listen.find(':') != std::string::npos;
+    if (web_port > 0)
+      fmt::print("live view: http://{}:{}/\n", six ? "[" + options.listen + "]" : options.listen, web_port);
   }
   std::fflush(stdout);
   (*server)->run();

@@ -5,8 +5,11 @@
 #include <string>
 #include <string_view>
 
+#include <nlohmann/json.hpp>
+
 #include "foundation/base/check.h"
 #include "models/ephemeris/bodies.h"
+#include "simulator/server/http.h"
 #include "simulator/server/protocol.h"
 #include "simulator/server/requests.h"
 #include "simulator/server/scene.h"
@@ -65,11 +68,18 @@ void read_one(std::uint16_t type, std::string_view json, Scene& settings) {
 void read_messages(std::span<const std::uint8_t> bytes) {
   if (bytes.empty()) return;
   Scene settings;
-  const bool stream = bytes[0] % 2 == 0;
+  const bool stream = bytes[0] % 2 == 0, http = bytes[0] % 4 == 3;
   bytes = bytes.subspan(1);
   const auto text = [](std::span<const std::uint8_t> part) {
     return std::string_view(reinterpret_cast<const char*>(part.data()), part.size());
   };
+  if (http) {
+    const auto request = parse_http(text(bytes));
+    if (!request) return;
+    const auto scene = request->query.find("scene");
+    if (scene != request->query.end()) read_one(static_cast<std::uint16_t>(MessageType::set), scene->second, settings);
+    return;
+  }
   if (!stream) {
     if (!bytes.empty()) read_one(bytes[0], text(bytes.subspan(1)), settings);
     return;

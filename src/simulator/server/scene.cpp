@@ -342,10 +342,11 @@ Result<void> read_scene(const Json& object, std::span<const std::string_view> ot
   if (object.contains("camera") && object.contains("camera_toml")) {
     return wrong("camera", "either camera or camera_toml");
   }
-  for (const auto& [key, value] : object.items()) {
+  for (const auto& each : object.items()) {
+    const std::string& key = each.key();
     const auto field = std::find_if(kFields.begin(), kFields.end(), [&](const Field& f) { return f.name == key; });
     if (field != kFields.end()) {
-      if (auto read = field->read(value, registry, limits, scene); !read) return read;
+      if (auto read = field->read(each.value(), registry, limits, scene); !read) return read;
     } else if (std::find(others.begin(), others.end(), key) == others.end()) {
       std::vector<std::string_view> known(others.begin(), others.end());
       for (const Field& f : kFields) known.push_back(f.name);
@@ -367,6 +368,11 @@ Result<Camera> read_camera_text(std::string_view toml, const Limits& limits) {
                 "a camera that comes over the wire has no measured point-spread function: its text may hold neither "
                 "the word kernel nor a backslash",
                 {}, "camera_toml");
+  }
+  // Debian's toml++ runs into undefined behaviour at some of them (is_non_ascii_horizontal_whitespace, U+00A1 to
+  // U+0499).
+  if (std::ranges::any_of(toml, [](char c) { return static_cast<unsigned char>(c) >= 0x80; })) {
+    return fail(ErrorCode::unsupported, "a camera that comes over the wire is written in ASCII", {}, "camera_toml");
   }
   auto camera = parse_camera(toml, "camera_toml");
   if (!camera) return camera;

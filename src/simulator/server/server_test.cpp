@@ -336,6 +336,7 @@ TEST(Server, BadRequestsAreAnsweredAndTheSessionGoesOn) {
       {3, R"({"id":1,"camera_toml":"name = "})", "invalid_argument", "TOML"},
       {3, R"({"id":1,"camera_toml":"psf.kernel = '/etc/passwd'"})", "unsupported", "point-spread"},
       {3, R"({"id":1,"camera_toml":"[psf]\n\"k\\u0065rnel\" = '/etc/passwd'"})", "unsupported", "point-spread"},
+      {3, "{\"id\":1,\"camera_toml\":\"x = 1 \u00b5\"}", "unsupported", "ASCII"},
       {3, R"({"id":1,"observer":"oem:/etc/passwd"})", "unsupported", "files are not read"},
       {3, R"({"id":1,"observer":" \tspk:-1@/etc/passwd"})", "unsupported", "files are not read"},
       {3, R"({"id":1,"observer":"nowhere"})", "not_found", ""},
