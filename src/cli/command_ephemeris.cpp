@@ -255,14 +255,13 @@ void add_ephemeris(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("ephemeris", "state of a body as another sees it: place, distance, brightness");
   sub->footer(
-      "Without --kernel the planets, Sun and Moon of DE405 from 2000 to 2050 are used; they also complete kernels "
-      "that\n"
-      "hold an asteroid or a spacecraft alone.\n"
+      "Without --kernel the planets, Sun and Moon of DE405 from 2000 to 2050 are used; they also\n"
+      "complete kernels that hold an asteroid or a spacecraft alone.\n"
       "Example:\n  astronav ephemeris mars --from earth --epoch '2028-03-01T12:00:00 TDB'");
   sub->add_option("body", options->body, "name or NAIF number")->required();
   sub->add_option("--from", options->from, "observing body")->capture_default_str();
   sub->add_option("--epoch", options->epochs,
-                  "ISO 8601 with scale (UTC if none), or START/STOP/STEP (step 10d, 1h, 60s); repeatable")
+                  "ISO 8601 (UTC without scale), or START/STOP/STEP (10d, 1h, 60s); repeatable")
       ->required()
       ->allow_extra_args(false);
   sub->add_option("--correction", options->correction, "none, lt (light time) or lt+s (and stellar aberration)")

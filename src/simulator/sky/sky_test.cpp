@@ -77,6 +77,20 @@ TEST_F(SkyTest, TheConeHoldsExactlyTheStarsWhoseApparentPlacesAreInside) {
   }
 }
 
+TEST_F(SkyTest, StarsStandWhereMotionParallaxAndAberrationPutThem) {
+  const State observer = earth();
+  std::size_t stars = 0;
+  for (const SkySource& s : all_sky(observer, {.max_v_mag = 6.0})) {
+    if (s.kind != SourceKind::star) continue;
+    const Star star = catalogue_.star(*catalogue_.find(static_cast<std::uint32_t>(s.id)));
+    const Vec3 alone = aberrate(star_direction(star, epoch_, observer.p_m), observer.v_m_s);
+    EXPECT_LT(angle_between(s.direction_N, alone), 1e-3 * kMilliarcsecond) << s.id;
+    EXPECT_NEAR(s.direction_N.norm(), 1.0, 1e-15);
+    if (++stars == 300) break;  // finding a star by its number takes its time
+  }
+  EXPECT_EQ(stars, 300u);
+}
+
 TEST_F(SkyTest, BrightestFirstAndSiriusLeadsTheStars) {
   const auto sources = all_sky(earth(), {.max_v_mag = 4.0});
   EXPECT_TRUE(std::is_sorted(sources.begin(), sources.end(),
