@@ -13,4 +13,4 @@ ninja -C build/fuzz message_fuzzer
 mkdir -p build/fuzz/found
 build/fuzz/message_fuzzer -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -max_len=8192 -print_final_stats=1 \
   -dict=tests/fuzz/words.dict -artifact_prefix=build/fuzz/ build/fuzz/found tests/fuzz/corpus
-build/fuzz/message_fuzzer -merge=1 -max_len=8192 tests/fuzz/corpus build/fuzz/found
+build/fuzz/message_fuzzer -set_cover_merge=1 -use_counters=0 -max_len=4096 tests/fuzz/corpus build/fuzz/found

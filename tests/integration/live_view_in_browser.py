@@ -3,7 +3,7 @@
 """The live view in headless Chromium, driven as a person would: the mouse pulls sliders, and the picture changes; it
 rests on a star, and its name appears; a button saves the frame. Over Chromium's own debugging pipe, with no library.
 
-    live_view_in_browser.py PROGRAM [PICTURE.png]     a picture of the page, where a name is given
+    live_view_in_browser.py PROGRAM [PICTURE.jpg]     a picture of the page, where a name is given
 """
 import base64
 import json
@@ -34,7 +34,7 @@ class Page:
 
         self.browser = subprocess.Popen(
             ["chromium", "--no-sandbox", "--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-             "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--window-size=1400,1000",
+             "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--window-size=1400,1340",
              "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", f"--user-data-dir={folder}/profile",
              "--remote-debugging-pipe", "about:blank"],
             preexec_fn=pipes, close_fds=False, stderr=subprocess.DEVNULL)
@@ -181,7 +181,7 @@ def check(page, folder, picture):
                    " document.getElementById('roll').value = 0; document.getElementById('exposure').value = 2.6; update()")
         page.settled()
         time.sleep(0.3)
-        Path(picture).write_bytes(base64.b64decode(page.call("Page.captureScreenshot", format="png")["data"]))
+        Path(picture).write_bytes(base64.b64decode(page.call("Page.captureScreenshot", format="jpeg", quality=80)["data"]))
 
 
 def main():

@@ -111,7 +111,7 @@ function draw_image() {
   g.lineWidth = size;
   for (const s of state.truth.sources) {
     const body = Boolean(s.name);
-    if (!body && !($("names").checked && s.mag < 5)) continue;
+    if (!body && !($("names").checked && s.mag < 4)) continue;
     g.strokeStyle = g.fillStyle = body ? "#ffcf6b" : "#6cb6ff";
     g.beginPath();
     g.arc(s.u_px + 0.5, s.v_px + 0.5, 9 * size, 0, 7);
@@ -229,7 +229,7 @@ function draw_craft() {
   const canvas = $("craft"), g = canvas.getContext("2d"), sky = state.sky;
   g.clearRect(0, 0, canvas.width, canvas.height);
   const towards = unit([1, 0.35, 0.3]), right = unit(cross([0, 0, 1], towards)), up = cross(towards, right);
-  const size = canvas.height / 7;
+  const size = canvas.height / 5.2;
   const put = (p) => {
     const depth = 12 / (12 - dot(p, towards));
     return [canvas.width / 2 + size * depth * dot(p, right), canvas.height / 2 - size * depth * dot(p, up)];
