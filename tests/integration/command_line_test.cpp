@@ -248,7 +248,7 @@ const std::vector<Bad> kBad{
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --rate 1,2", "'1,2' is not X,Y,Z in degrees a second"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --rate 1,nan,2", "is not X,Y,Z in degrees a second"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --without rain",
-     "no effect is called 'rain'; did you mean 'read'"},
+     "no effect is called 'rain'; did you mean 'dark'"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --seed -1", "'-1' is not a seed"},
 
     {"compare", "image is required"},
