@@ -45,6 +45,7 @@ Camera unknown_camera() {
   camera.name = "fitted";
   camera.optics.focal_length_m = 0.05;
   camera.optics.pupil_diameter_m = 0.02;
+  camera.detector.pixel_pitch_m = 5e-6;  // the focal length follows
   for (int nm = 400; nm <= 1000; nm += 25) camera.optics.transmission.push_back({nm * 1e-9, 1.0});
   const std::pair<int, double> silicon[] = {{380, 0.2},  {400, 0.35}, {450, 0.5}, {500, 0.6},  {550, 0.62}, {600, 0.6},
                                             {650, 0.53}, {700, 0.45}, {800, 0.3}, {900, 0.15}, {1000, 0.03}};
@@ -404,7 +405,13 @@ Result<int> run(const Options& options) {
     if (!stored) return forward(stored, options.out);
   }
   if (!options.save_camera.empty()) {
-    const auto stored = write_file(options.save_camera, to_toml(compared->camera));
+    // A camera's file knows no star that is sharper at the edge than on the axis: it gets their mean over the picture.
+    Camera camera = compared->camera;
+    if (camera.psf.sigma_growth_px < 0.0) {
+      camera.psf.sigma_px += 0.5 * camera.psf.sigma_growth_px;
+      camera.psf.sigma_growth_px = 0.0;
+    }
+    const auto stored = write_file(options.save_camera, to_toml(camera));
     if (!stored) return forward(stored, options.save_camera);
   }
   if (options.json)

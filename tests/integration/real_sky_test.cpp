@@ -2,6 +2,7 @@
 // `astronav compare` on ten real pictures: four of a camera on the ground (ESA's tetra3), six that New Horizons took of
 // Proxima Centauri and Wolf 359 from 47 au. The limits are those that docs/real-sky.md promises.
 #include <algorithm>
+#include <filesystem>
 #include <map>
 #include <string>
 #include <vector>

@@ -372,6 +372,17 @@ Result<Comparison> compare(const Picture& picture, const CompareRequest& request
   out.own_windows = own_windows.figures();
   out.deep_windows = deep_windows.figures();
 
+  if (!request.camera_known) {
+    // What a frame by this camera needs beyond what was fitted.
+    Detector& d = out.camera.detector;
+    d.bits = std::clamp(static_cast<int>(std::ceil(std::log2(frame.levels + 1.0))), 1, 16);
+    d.full_well_e = std::clamp(frame.levels * d.gain_e_dn, 1.0, 1e9);
+    d.background_e_s_px = std::max(0.0, static_cast<double>(frame.sky.level_dn(width / 2, height / 2))) * d.gain_e_dn /
+                          request.exposure_s;
+    out.camera.optics.focal_length_m = out.camera.intrinsics.fx_px * d.pixel_pitch_m;
+  } else {
+    out.camera.detector.full_well_e = request_in.camera.detector.full_well_e;
+  }
   const BandPhotometry band(out.camera);
   const double gain = out.camera.detector.gain_e_dn;
   out.zero_point_mag = 2.5 * std::log10(band.flux(0.0, 0.65).electrons_per_s / gain);

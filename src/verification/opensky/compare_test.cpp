@@ -41,8 +41,13 @@ PsfKernel slanted_kernel() {
 
 // What fits work with is what the renderer draws.
 TEST(Compare, StarsOfTheFitAreThoseOfTheRenderer) {
-  PointSpread wide{.sigma_px = 0.9, .sigma_growth_px = 0.4};
-  PointSpread winged{.sigma_px = 0.5, .halo_fraction = 0.3, .halo_sigma_px = 1.1, .halo_offset_u_px = 0.2};
+  PointSpread wide, winged;
+  wide.sigma_px = 0.9;
+  wide.sigma_growth_px = 0.4;
+  winged.sigma_px = 0.5;
+  winged.halo_fraction = 0.3;
+  winged.halo_sigma_px = 1.1;
+  winged.halo_offset_u_px = 0.2;
   PointSpread measured;
   measured.kernel = slanted_kernel();
   for (const PointSpread& psf : {wide, winged, measured}) {
