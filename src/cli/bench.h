@@ -63,6 +63,7 @@ struct OnboardEyes {
 // bench_frames.cpp
 Result<Figure> render_fps_1024(Bench& bench);
 Result<Figure> render_fps_2048(Bench& bench);
+Result<Figure> render_fps_1024_halo(Bench& bench);
 Result<Figure> render_frame_ms_1024(Bench& bench);
 Result<Figure> render_two_threads(Bench& bench);
 Result<Figure> vision_ms_lost_in_space_1024(Bench& bench);

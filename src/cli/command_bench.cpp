@@ -35,6 +35,7 @@ struct Entry {
 constexpr std::array kEntries{
     Entry{"render_fps_1024", bench::render_fps_1024, 1.5},
     Entry{"render_fps_2048", bench::render_fps_2048, 2.0},
+    Entry{"render_fps_1024_halo", bench::render_fps_1024_halo, 1.5},
     Entry{"render_frame_ms_1024", bench::render_frame_ms_1024, 1.2},
     Entry{"render_two_threads", bench::render_two_threads, 5.0},
     Entry{"vision_ms_lost_in_space_1024", bench::vision_ms_lost_in_space_1024, 5.0},

@@ -231,6 +231,8 @@ const std::vector<Bad> kBad{
     {"ephemeris mars --epoch 2026-01-01 --iterations 0", "--iterations: '0' is not a number from 1 to 10"},
     {"ephemeris mars --epoch 2026-01-01 --iterations nan", "'nan' is not a number"},
 
+    {"ephemeris mars --law 3 --epoch 2026-01-01", "is not H,G or H,G1,G2"},
+    {"ephemeris ceres --epoch 2026-11-22", "no kernel holds ceres"},
     {"render", "--epoch is required"},
     {"render --epoch soon --pointing 1,2,3 --out x.fits", "'soon' is not an epoch"},
     {"render --epoch 2199-01-01 --pointing 1,2,3 --out x.fits", "the kernels do not reach"},

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/render/dn_law.h"
 
+#if defined(__AVX512F__) && defined(__AVX512BW__)
+#include <immintrin.h>
+#endif
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -202,14 +206,31 @@ void EvenLaws::draw_row(const std::uint16_t* levels, const std::uint16_t* raised
   const std::uint32_t* const slots = tables_.slots();
   const int bits = tables_.bits();
   const std::uint32_t first = first_dn_;
-  if (raised == nullptr) {
-    for (std::size_t i = 0; i < count; ++i) {
-      out[i] = static_cast<std::uint16_t>(first + AliasTables::draw(slots, bits, levels[i], words[i]));
+  std::size_t i = 0;
+#if defined(__AVX512F__) && defined(__AVX512BW__)
+  // The loop below, sixteen pixels at once. GCC 12 picks a table's values one by one, which takes twice the time.
+  const __m128i own_bits = _mm_cvtsi32_si128(bits);
+  const __m128i other_bits = _mm_cvtsi32_si128(32 - bits);
+  const __m512i value_bits = _mm512_set1_epi32(1023);
+  const __m512i first_of_all = _mm512_set1_epi32(static_cast<int>(first));
+  for (; i + 16 <= count; i += 16) {
+    __m512i level = _mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(levels + i)));
+    if (raised != nullptr) {
+      const __m256i more = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(raised + i));
+      level = _mm512_add_epi32(level, _mm512_cvtepu16_epi32(more));
     }
-    return;
+    const __m512i word = _mm512_loadu_si512(words + i);
+    const __m512i own = _mm512_srl_epi32(word, other_bits);
+    const __m512i slot = _mm512_i32gather_epi32(_mm512_add_epi32(_mm512_sll_epi32(level, own_bits), own), slots, 4);
+    const __m512i toss = _mm512_srli_epi32(_mm512_sll_epi32(word, own_bits), 10);
+    const __mmask16 keep = _mm512_cmplt_epu32_mask(toss, _mm512_srli_epi32(slot, 10));
+    const __m512i value = _mm512_mask_blend_epi32(keep, _mm512_and_si512(slot, value_bits), own);
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(out + i),
+                        _mm512_cvtepi32_epi16(_mm512_add_epi32(value, first_of_all)));
   }
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto level = static_cast<std::uint32_t>(levels[i]) + raised[i];
+#endif
+  for (; i < count; ++i) {
+    const std::uint32_t level = static_cast<std::uint32_t>(levels[i]) + (raised != nullptr ? raised[i] : 0u);
     out[i] = static_cast<std::uint16_t>(first + AliasTables::draw(slots, bits, level, words[i]));
   }
 }

@@ -77,7 +77,7 @@ void add_product(const Window& w, double electrons, Sheet& sheet) {
   for (int i = 0; i < width; ++i) {
     sheet.column_sums[static_cast<std::size_t>(w.u_begin + i)] += electrons * of_rows * static_cast<double>(columns[i]);
   }
-  sheet.windows.push_back(w);
+  sheet.touch(w);
 }
 
 void add_gaussian(Pixel centre, double sigma_px, double reach, double electrons, Sheet& sheet) {
@@ -139,7 +139,7 @@ void add_disc(const LitDisc& disc, Pixel photocentre, double radius_px, double s
       sheet.column_sums[static_cast<std::size_t>(w.u_begin) + k] += of_rows * static_cast<double>(strip[k]);
     }
   }
-  sheet.windows.push_back(w);
+  sheet.touch(w);
 }
 
 // How far a wing is drawn: to where a pixel holds kFaintest electrons of it. 0 where it never holds e times that.
@@ -149,6 +149,17 @@ double wing_reach(double sigma_px, double electrons) {
 }
 
 }  // namespace
+
+void Sheet::touch(const Window& window) {
+  const auto holds = [](const Window& a, const Window& b) {
+    return a.u_begin <= b.u_begin && a.u_end >= b.u_end && a.v_begin <= b.v_begin && a.v_end >= b.v_end;
+  };
+  if (windows.empty() || (!holds(windows.back(), window) && !holds(window, windows.back()))) {
+    windows.push_back(window);
+  } else if (!holds(windows.back(), window)) {
+    windows.back() = window;
+  }
+}
 
 void Sheet::prepare(int width, int height) {
   if (light.width() != width || light.height() != height) light = ImageF(width, height);
@@ -342,7 +353,7 @@ void Painter::add_kernel(Pixel at, double electrons, Sheet& sheet) const {
       }
     }
   }
-  sheet.windows.push_back(w);
+  sheet.touch(w);
 }
 
 }  // namespace astronav::render

@@ -24,6 +24,8 @@ struct Sheet {
 
   // All dark, of that size.
   void prepare(int width, int height);
+  // Says where there is light; a window that holds the last one, or lies in it, is not another.
+  void touch(const Window& window);
 
   std::vector<float> columns, rows, strip;  // scratch
 };

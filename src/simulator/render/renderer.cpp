@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <unordered_map>
 
 #include "simulator/render/detector_pattern.h"
 #include "simulator/render/dn_law.h"
@@ -134,15 +135,19 @@ struct Smear {
 
 // Pixels under sources: those that tables can draw, and those too bright for them.
 struct Gathered {
+  std::size_t count = 0;  // of what follows; there may be room for more
   std::vector<std::uint32_t> index;
   std::vector<float> mean_e;
   std::vector<std::uint16_t> dn;
   std::vector<std::pair<std::uint32_t, double>> bright;
 
-  void clear() {
-    index.clear();
-    mean_e.clear();
+  void prepare(std::size_t most) {
+    count = 0;
     bright.clear();
+    if (index.size() >= most) return;
+    index.resize(most);
+    mean_e.resize(most);
+    dn.resize(most);
   }
 };
 
@@ -166,18 +171,19 @@ struct Renderer::Background {
   bool is_for(const Exposure& e, const Effects& f) const {
     return exposure.duration_s == e.duration_s && effects == f && exposure.sun_C_m == e.sun_C_m;
   }
-  double mean_e(int u, int v, float light_e, const Smear& smear) const {
-    const Pixel& pixel = pixels(u, v);
+  // Without sources.
+  double mean_e(std::size_t i, const Smear& smear) const {
+    const Pixel& pixel = pixels.pixels()[i];
     return static_cast<double>(pixel.mean_e +
-                               (light_e + smear.electrons[static_cast<std::size_t>(u)]) * pixel.response);
+                               smear.electrons[i % static_cast<std::size_t>(pixels.width())] * pixel.response);
   }
 
   void smear_columns(double transfer, Sheet& sheet, Smear& smear) const;
   void draw(const Smear& smear, const StreamId& noise, RandomStream& single, std::span<std::uint16_t> dn) const;
   void gather(const Smear& smear, Sheet& sheet, Gathered& gathered) const;
   void draw_gathered(const StreamId& noise, Gathered& gathered, std::span<std::uint16_t> dn) const;
-  void draw_bright(const Smear& smear, const Sheet& sheet, const Gathered& gathered, bool blooming,
-                   RandomStream& single, ImageU16& out) const;
+  void draw_bright(const Smear& smear, const Gathered& gathered, bool blooming, RandomStream& single,
+                   ImageU16& out) const;
 };
 
 struct Renderer::Cache {
@@ -304,7 +310,7 @@ void Renderer::electrons(std::span<const RenderedSource> sources, const Exposure
 }
 
 // Sources lie far apart in memory: the next ones are asked for while one is painted or gathered.
-constexpr std::size_t kAhead = 4;
+constexpr std::size_t kAhead = 1;
 
 // Most columns need a few levels more all over, those of planets a drawing of their own.
 void Renderer::Background::smear_columns(double transfer, Sheet& sheet, Smear& smear) const {
@@ -331,11 +337,7 @@ void Renderer::Background::smear_columns(double transfer, Sheet& sheet, Smear& s
 // Everything without sources.
 void Renderer::Background::draw(const Smear& smear, const StreamId& noise, RandomStream& single,
                                 std::span<std::uint16_t> dn) const {
-  const int width = pixels.width();
-  const auto draw_one = [&](std::size_t i) {
-    const int u = static_cast<int>(i % static_cast<std::size_t>(width));
-    dn[i] = chain.draw(mean_e(u, static_cast<int>(i / static_cast<std::size_t>(width)), 0.0f, smear), single);
-  };
+  const auto draw_one = [&](std::size_t i) { dn[i] = chain.draw(mean_e(i, smear), single); };
   if (!laws) {
     for (std::size_t i = 0; i < dn.size(); ++i) draw_one(i);
     return;
@@ -345,46 +347,55 @@ void Renderer::Background::draw(const Smear& smear, const StreamId& noise, Rando
   for (const std::uint32_t i : apart) draw_one(i);
 }
 
-// A pixel's light turns negative once it is gathered.
+// Takes the light off the sheet.
 void Renderer::Background::gather(const Smear& smear, Sheet& sheet, Gathered& gathered) const {
-  const double tabulated_up_to = *graded ? (*graded)->max_mean_e() : -1.0;
+  const auto tabulated_up_to = static_cast<float>(*graded ? (*graded)->max_mean_e() : -1.0);
+  std::size_t most = 0;
+  for (const Window& w : sheet.windows) most += static_cast<std::size_t>((w.u_end - w.u_begin) * (w.v_end - w.v_begin));
+  gathered.prepare(most);
+  std::uint32_t* const index = gathered.index.data();
+  float* const mean_e = gathered.mean_e.data();
+  std::size_t count = 0;
+  const float* const smeared = smear.electrons.data();
   for (std::size_t i = 0; i < sheet.windows.size(); ++i) {
     if (i + kAhead < sheet.windows.size()) {
       const Window& next = sheet.windows[i + kAhead];
       for (int v = next.v_begin; v < next.v_end; ++v) {
-        __builtin_prefetch(sheet.light.row(v) + next.u_begin, 1);
-        __builtin_prefetch(pixels.row(v) + next.u_begin);
-        __builtin_prefetch(pixels.row(v) + next.u_end);
+        // Lines of 64 bytes: 16 of light, 8 pixels.
+        for (int u = next.u_begin; u < next.u_end + 8; u += 8) __builtin_prefetch(pixels.row(v) + u);
       }
     }
     const Window& window = sheet.windows[i];
     for (int v = window.v_begin; v < window.v_end; ++v) {
-      float* const light = sheet.light.row(v);
-      const auto row = static_cast<std::uint32_t>(v) * static_cast<std::uint32_t>(pixels.width());
+      float* const lights = sheet.light.row(v);
+      const Pixel* const row = pixels.row(v);
+      const auto first = static_cast<std::uint32_t>(v) * static_cast<std::uint32_t>(pixels.width());
       for (int u = window.u_begin; u < window.u_end; ++u) {
-        if (!(light[u] > 0.0f)) continue;
-        const double mean = mean_e(u, v, light[u], smear);
-        light[u] = -light[u];
-        if (mean <= tabulated_up_to) {
-          gathered.index.push_back(row + static_cast<std::uint32_t>(u));
-          gathered.mean_e.push_back(static_cast<float>(mean));
-        } else {
-          gathered.bright.emplace_back(row + static_cast<std::uint32_t>(u), mean);
+        const float light = lights[u];
+        lights[u] = 0.0f;
+        const float mean = row[u].mean_e + (light + smeared[u]) * row[u].response;
+        // Written always, and kept where there is light: no branch to foretell.
+        index[count] = first + static_cast<std::uint32_t>(u);
+        mean_e[count] = mean;
+        const bool shines = light > 0.0f;
+        count += static_cast<std::size_t>(shines && mean <= tabulated_up_to);
+        if (shines && mean > tabulated_up_to) {
+          gathered.bright.emplace_back(first + static_cast<std::uint32_t>(u), static_cast<double>(mean));
         }
       }
     }
   }
+  gathered.count = count;
 }
 
 void Renderer::Background::draw_gathered(const StreamId& noise, Gathered& gathered, std::span<std::uint16_t> dn) const {
-  if (!*graded || gathered.index.empty()) return;
-  gathered.dn.resize(gathered.index.size());
+  if (!*graded || gathered.count == 0) return;
   RandomBlock random = block_of(noise, "source noise");
-  (*graded)->draw(gathered.mean_e, random, gathered.dn.data());
-  for (std::size_t i = 0; i < gathered.index.size(); ++i) dn[gathered.index[i]] = gathered.dn[i];
+  (*graded)->draw(std::span(gathered.mean_e).first(gathered.count), random, gathered.dn.data());
+  for (std::size_t i = 0; i < gathered.count; ++i) dn[gathered.index[i]] = gathered.dn[i];
 }
 
-void Renderer::Background::draw_bright(const Smear& smear, const Sheet& sheet, const Gathered& gathered, bool blooming,
+void Renderer::Background::draw_bright(const Smear& smear, const Gathered& gathered, bool blooming,
                                        RandomStream& single, ImageU16& out) const {
   const int width = out.width();
   const double nearly_full = chain.full_well_e - kNearlyFull * std::sqrt(chain.full_well_e);
@@ -398,9 +409,22 @@ void Renderer::Background::draw_bright(const Smear& smear, const Sheet& sheet, c
       out(u, v) = chain.draw(mean, single);
     }
   }
+  if (overflowing.empty()) return;
+  // What the charge may run into.
+  std::unordered_map<std::uint32_t, double> lit(gathered.bright.begin(), gathered.bright.end());
+  for (std::size_t i = 0; i < gathered.count; ++i) {
+    if (overflowing.contains(static_cast<int>(gathered.index[i]) % width)) {
+      lit.emplace(gathered.index[i], static_cast<double>(gathered.mean_e[i]));
+    }
+  }
   for (auto& [column_u, column] : overflowing) {
     const int u = column_u;
-    column.overflow([&](int v) { return chain.collect(mean_e(u, v, std::abs(sheet.light(u, v)), smear), single); });
+    column.overflow([&](int v) {
+      const auto index =
+          static_cast<std::uint32_t>(v) * static_cast<std::uint32_t>(width) + static_cast<std::uint32_t>(u);
+      const auto found = lit.find(index);
+      return chain.collect(found != lit.end() ? found->second : mean_e(index, smear), single);
+    });
     for (int v = 0; v < out.height(); ++v) {
       if (column.known(v)) out(u, v) = chain.read(column.charge(v), single);
     }
@@ -419,7 +443,6 @@ void Renderer::frame(std::span<const RenderedSource> sources, const Exposure& ex
   thread_local Smear smear;
   thread_local Gathered gathered;
   sheet.prepare(width, height);
-  gathered.clear();
   const Painter painter(camera_, effects);
   for (std::size_t i = 0; i < sources.size(); ++i) {
     if (i + kAhead < sources.size()) prefetch(sheet, sources[i + kAhead].pixel);
@@ -434,16 +457,12 @@ void Renderer::frame(std::span<const RenderedSource> sources, const Exposure& ex
   }
 
   RandomStream single = stream_of(noise, "single pixels");
-  ground->draw(smear, noise, single, out.pixels());
+  // The light is taken from the sheet while it is still near in memory.
   ground->gather(smear, sheet, gathered);
+  ground->draw(smear, noise, single, out.pixels());
   ground->draw_gathered(noise, gathered, out.pixels());
   const bool blooming = effects.blooming && effects.full_well && camera_.detector.blooming;
-  ground->draw_bright(smear, sheet, gathered, blooming, single, out);
-  for (const Window& window : sheet.windows) {
-    for (int v = window.v_begin; v < window.v_end; ++v) {
-      std::fill(sheet.light.row(v) + window.u_begin, sheet.light.row(v) + window.u_end, 0.0f);
-    }
-  }
+  ground->draw_bright(smear, gathered, blooming, single, out);
 }
 
 double time_tag_error_s(const Detector& detector, const StreamId& frame) {
