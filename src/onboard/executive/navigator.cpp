@@ -36,6 +36,9 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
   prediction.body = beacon;
   prediction.direction_N = predicted->direction_N;
   prediction.direction_covariance = predicted->covariance;
+  if (const auto constants = body_constants(beacon)) {
+    prediction.angular_radius_rad = constants->mean_radius_m / (predicted->light_time_s * kSpeedOfLight);
+  }
   if (!settings_.brightness) return prediction;
 
   const auto known = ephemeris_->resolve(beacon);

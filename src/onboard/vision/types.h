@@ -51,6 +51,7 @@ struct PlanetPrediction {
   // A body beside it whose light may run into its spot (the Moon beside the Earth). Flux 0: none.
   Vec3 companion_direction_N = Vec3::Zero();
   double companion_flux_dn = 0.0;
+  double angular_radius_rad = 0.0;  // of the body; 0: a point
 };
 
 struct PlanetMatch {

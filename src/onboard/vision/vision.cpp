@@ -22,6 +22,7 @@ IdentifySettings with_psf(IdentifySettings settings, const SensorModel& sensor) 
 Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const SensorModel& sensor,
                const StarField& field, const PairIndex& index)
     : settings_(settings),
+      psf_sigma_px_(sensor.psf_sigma_px),
       finder_(settings.centroids, sensor, camera.width_px, camera.height_px),
       identifier_(field, index, camera, with_psf(settings.identify, sensor),
                   static_cast<std::size_t>(settings.centroids.max_centroids)) {
@@ -68,12 +69,25 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     if (predictions[i].companion_flux_dn > 0.0) part_from_companion(frame, predictions[i]);
     planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
                               std::span<const unsigned char>(is_star_.data(), spots), settings_.planets);
-    if (planets_[i].found) is_star_[planets_[i].centroid] = 1;
+    if (!planets_[i].found) continue;
+    is_star_[planets_[i].centroid] = 1;
+    Centroid& spot = centroids_[planets_[i].centroid];
+    if (spot.saturated)
+      spot.repeating_sigma_px = std::hypot(spot.repeating_sigma_px, repeating_of_disc(predictions[i]));
   }
   result_.planets = std::span<const PlanetMatch>(planets_.data(), predictions.size());
   const double done = now_ms();
   result_.time_ms = {centroided - begin, identified - centroided, done - identified, done - begin};
   return result_;
+}
+
+// A disc lit from one side is skew: its third cumulant along the Sun's direction is up to 0.013 R^3 (Lambert). At x
+// from the centre a Gaussian's wing then seems shifted by 0.013 R^3 x^2 / (6 sigma^4); the wings of a saturated spot
+// are seen at 3 to 4 sigma.
+double Vision::repeating_of_disc(const PlanetPrediction& prediction) const {
+  constexpr double kShift = 0.013 * 3.5 * 3.5 / 6.0;
+  const double radius_px = prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px;
+  return kShift * radius_px * radius_px * radius_px / (psf_sigma_px_ * psf_sigma_px_);
 }
 
 // The spot nearest to the prediction is measured again with the companion's light taken away: blended, it would be off

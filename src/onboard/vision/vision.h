@@ -56,9 +56,12 @@ class Vision {
                              std::span<const PlanetPrediction> predictions = {});
 
  private:
+  // What a disc, fitted as a point, adds to the error that repeats.
+  double repeating_of_disc(const PlanetPrediction& prediction) const;
   void part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction);
 
   VisionSettings settings_;
+  double psf_sigma_px_;
   CentroidFinder finder_;
   Identifier identifier_;
   std::vector<Centroid> centroids_;
