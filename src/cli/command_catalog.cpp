@@ -211,7 +211,8 @@ void add_catalog(CLI::App& app, Invocation& invocation) {
       "Reads the Hipparcos main table (I/239, hip_main.dat) and Tycho-2 (I/259, tyc2.dat), plain or .gz,\n"
       "catalogue files, and the index files of Debian's astrometry-data-tycho2 packages, which go below\n"
       "the catalogue that is shipped. Tycho-2 stars that are in Hipparcos, too, are left out.\n"
-      "Example:\n  astronav catalog import /usr/share/astrometry/index-tycho2-07.littleendian.fits --max-v 11 --out deep.stars");
+      "Example:\n  astronav catalog import /usr/share/astrometry/index-tycho2-07.littleendian.fits --max-v 11 --out "
+      "deep.stars");
   import_sub->add_option("tables", options->tables, "the tables")->required();
   import_sub->add_option("--out", options->out, "catalogue file to write")->required();
   import_sub->add_option("--max-v", options->max_v, "faintest V magnitude (default: all)")
