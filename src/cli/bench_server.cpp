@@ -88,7 +88,10 @@ class Loopback {
 class Direct {
  public:
   explicit Direct(const Loopback& loopback)
-      : loopback_(loopback), band_(*loopback.camera), renderer_(*loopback.camera, 1) {}
+      : loopback_(loopback),
+        sky_(loopback.kernels->ephemeris, loopback.catalogue.stars),
+        band_(*loopback.camera),
+        renderer_(*loopback.camera, 1) {}
 
   Result<void> shoot(const Pointing& pointing) {
     const Mat3 R_CN = R_CN_from_pointing(pointing);
@@ -96,14 +99,11 @@ class Direct {
     const auto state = ephemeris.state(body::earth, body::solar_system_barycenter, loopback_.epoch);
     if (!state) return forward(state);
     const Intrinsics& k = loopback_.camera->intrinsics;
-    const auto seen = sky::Sky(ephemeris, loopback_.catalogue.stars)
-                          .look(loopback_.epoch, *state, R_CN.row(2).transpose(),
+    const auto seen = sky_.look(loopback_.epoch, *state, R_CN.row(2).transpose(),
                                 k.half_diagonal_rad() + 40.0 * k.plate_scale_rad_px(), band_, {.max_v_mag = kMaxV});
     if (!seen) return forward(seen);
     render::Exposure exposure{.duration_s = loopback_.camera->exposure_s};
-    if (const auto sun = light_time(ephemeris, body::sun, *state, loopback_.epoch)) {
-      exposure.sun_C_m = R_CN * sun->relative.p_m;
-    }
+    exposure.sun_C_m = R_CN * sky_.sun_N_m(loopback_.epoch, *state);
     const auto sources = render::place_sources(*seen, *loopback_.camera, R_CN, exposure);
     renderer_.frame(sources, exposure, {.image = ++images_, .purpose = "frame"}, frame_);
     return {};
@@ -111,6 +111,7 @@ class Direct {
 
  private:
   const Loopback& loopback_;
+  sky::Sky sky_;
   BandPhotometry band_;
   render::Renderer renderer_;
   ImageU16 frame_;

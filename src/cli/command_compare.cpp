@@ -92,7 +92,6 @@ Result<std::optional<State>> header_observer(const Picture& picture, const Kerne
 Result<std::vector<opensky::NamedStar>> read_targets(const std::string& path) {
   const auto file = MappedFile::open(path);
   if (!file) return forward(file);
-  const std::string text(reinterpret_cast<const char*>(file->bytes().data()), file->bytes().size());
   const auto cells_of = [](const std::string& line) {
     std::vector<std::string> cells(1);
     for (const char c : line) {
@@ -104,7 +103,7 @@ Result<std::vector<opensky::NamedStar>> read_targets(const std::string& path) {
     return cells;
   };
   std::vector<std::string> lines(1);
-  for (const char c : text) {
+  for (const char c : file->text()) {
     if (c == '\n')
       lines.emplace_back();
     else

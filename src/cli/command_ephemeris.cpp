@@ -183,22 +183,6 @@ void print_table(const Question& question, const std::string& correction, const 
              p.y(), p.z(), v.x(), v.y(), v.z());
 }
 
-// The kernels named; where they alone do not lead from both bodies to the barycentre (a spacecraft's or an asteroid's
-// kernel seldom does), with the one that ships with the program beneath them.
-Result<std::shared_ptr<const Kernels>> kernels_for(const Options& options, BodyId body, BodyId from, Epoch epoch) {
-  auto named = open_kernels(options.kernels);
-  if (!named || options.kernels.empty()) return named;
-  for (const BodyId id : {body, from}) {
-    const auto held = (*named)->ephemeris.resolve(id);
-    const auto state = held ? (*named)->ephemeris.state(*held, body::solar_system_barycenter, epoch) : State{};
-    if (held && (state || state.error().code != ErrorCode::not_found)) continue;
-    std::vector<std::string> all{(home_directory() / "data" / "de405_2000_2050.bsp").string()};
-    all.insert(all.end(), options.kernels.begin(), options.kernels.end());
-    return open_kernels(all);
-  }
-  return named;
-}
-
 // `H,G` or `H,G1,G2`, or the law that is known of the body.
 Result<std::optional<PhaseLaw>> law_of(BodyId body, const std::string& text) {
   if (text.empty()) {
@@ -221,7 +205,7 @@ Result<int> run(const Options& options) {
   if (!epochs) return forward(epochs);
   const auto law = law_of(*body_asked, options.law);
   if (!law) return forward(law);
-  const auto kernels = kernels_for(options, *body_asked, *from_asked, epochs->front());
+  const auto kernels = open_kernels_for(options.kernels, {*body_asked, *from_asked}, epochs->front());
   if (!kernels) return forward(kernels);
   const Ephemeris& ephemeris = (*kernels)->ephemeris;
   const auto body = ephemeris.resolve(*body_asked);

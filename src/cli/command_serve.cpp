@@ -86,7 +86,8 @@ Result<int> run(const Options& options) {
   if (!token) return forward(token);
   settings.token = std::move(*token);
 
-  const auto kernels = open_kernels(options.kernels);
+  // Any epoch tells whether the kernels lead from the planets to the barycentre at all.
+  const auto kernels = open_kernels_for(options.kernels, {body::sun, body::earth}, Epoch());
   if (!kernels) return forward(kernels);
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);

@@ -87,11 +87,7 @@ Result<Observer> oem_observer(std::string_view path, std::shared_ptr<const Kerne
   return [trajectory = *trajectory, kernels = std::move(kernels)](Epoch epoch) { return trajectory->state(epoch); };
 }
 
-}  // namespace
-
-Result<std::shared_ptr<const Kernels>> open_kernels(std::span<const std::string> paths) {
-  std::vector<std::filesystem::path> files(paths.begin(), paths.end());
-  if (files.empty()) files.push_back(home_directory() / "data" / "de405_2000_2050.bsp");
+Result<std::shared_ptr<const Kernels>> open_files(const std::vector<std::filesystem::path>& files) {
   auto kernels = std::make_shared<Kernels>();
   std::vector<std::span<const std::byte>> bytes;
   for (const auto& path : files) {
@@ -107,6 +103,31 @@ Result<std::shared_ptr<const Kernels>> open_kernels(std::span<const std::string>
   if (!ephemeris) return forward(ephemeris);
   kernels->ephemeris = std::move(*ephemeris);
   return kernels;
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const Kernels>> open_kernels(std::span<const std::string> paths) {
+  if (paths.empty()) return open_kernels_above_shipped({});
+  return open_files({paths.begin(), paths.end()});
+}
+
+Result<std::shared_ptr<const Kernels>> open_kernels_above_shipped(std::span<const std::string> paths) {
+  std::vector<std::filesystem::path> files{home_directory() / "data" / "de405_2000_2050.bsp"};
+  files.insert(files.end(), paths.begin(), paths.end());
+  return open_files(files);
+}
+
+Result<std::shared_ptr<const Kernels>> open_kernels_for(std::span<const std::string> paths,
+                                                        std::initializer_list<BodyId> bodies, Epoch epoch) {
+  auto named = open_kernels(paths);
+  if (!named || paths.empty()) return named;
+  for (const BodyId id : bodies) {
+    const auto held = (*named)->ephemeris.resolve(id);
+    const auto state = held ? (*named)->ephemeris.state(*held, body::solar_system_barycenter, epoch) : State{};
+    if (!held || (!state && state.error().code == ErrorCode::not_found)) return open_kernels_above_shipped(paths);
+  }
+  return named;
 }
 
 Result<OpenCatalogue> open_catalogue(const std::string& path) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <span>
@@ -28,6 +29,12 @@ struct Kernels {
 // The files named (later ones take precedence), or the one that ships with the program where none is named. An error
 // carries the path.
 Result<std::shared_ptr<const Kernels>> open_kernels(std::span<const std::string> paths = {});
+// The files named, and beneath them the one that ships with the program.
+Result<std::shared_ptr<const Kernels>> open_kernels_above_shipped(std::span<const std::string> paths);
+// The files named; where they alone do not lead from a body to the barycentre at the epoch (an asteroid's or a
+// spacecraft's kernel seldom does), the same above the one that ships with the program.
+Result<std::shared_ptr<const Kernels>> open_kernels_for(std::span<const std::string> paths,
+                                                        std::initializer_list<BodyId> bodies, Epoch epoch);
 
 // A star catalogue mapped into memory; the stars live as long as the file.
 struct OpenCatalogue {

@@ -176,14 +176,17 @@ Result<void> store(const std::filesystem::path& path, const Result<std::string>&
 Result<std::string> encode_png8(ImageView<const std::uint8_t> image) {
   return raster::encode(image, 1);
 }
+Result<std::string> encode_png16(ImageView<const std::uint16_t> image) {
+  return raster::encode(image, 1);
+}
 Result<std::string> encode_png_rgb(ImageView<const std::uint8_t> rgb_triplets) {
   return raster::encode(rgb_triplets, 3);
 }
 Result<void> write_png8(const std::filesystem::path& path, ImageView<const std::uint8_t> image) {
-  return raster::store(path, raster::encode(image, 1));
+  return raster::store(path, encode_png8(image));
 }
 Result<void> write_png16(const std::filesystem::path& path, ImageView<const std::uint16_t> image) {
-  return raster::store(path, raster::encode(image, 1));
+  return raster::store(path, encode_png16(image));
 }
 
 }  // namespace astronav

@@ -44,6 +44,7 @@ Result<void> write_png16(const std::filesystem::path& path, ImageView<const std:
 Result<void> write_png8(const std::filesystem::path& path, ImageView<const std::uint8_t> image);
 // PNG in memory (for reports and the wire). rgb: three bytes a pixel, width*3 per row.
 Result<std::string> encode_png8(ImageView<const std::uint8_t> image);
+Result<std::string> encode_png16(ImageView<const std::uint16_t> image);
 Result<std::string> encode_png_rgb(ImageView<const std::uint8_t> rgb_triplets);
 
 struct FitsCard {

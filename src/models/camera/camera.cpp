@@ -172,6 +172,10 @@ double Intrinsics::field_of_view_vertical_rad() const {
   return angle_on_plane(model, (height_px - 0.5 - cy_px) / fy_px) + angle_on_plane(model, (cy_px + 0.5) / fy_px);
 }
 
+double Intrinsics::half_diagonal_px() const {
+  return 0.5 * std::hypot(width_px, height_px);
+}
+
 double Intrinsics::half_diagonal_rad() const {
   double largest = 0.0;
   for (const double u : {-0.5, width_px - 0.5}) {

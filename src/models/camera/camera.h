@@ -53,6 +53,7 @@ struct Intrinsics {
   double field_of_view_horizontal_rad() const;  // without distortion, edge to edge
   double field_of_view_vertical_rad() const;
   double half_diagonal_rad() const;  // boresight to the farthest corner, with distortion
+  double half_diagonal_px() const;   // of the image
   double plate_scale_rad_px() const { return 1.0 / fx_px; }
 };
 

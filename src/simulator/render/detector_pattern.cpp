@@ -6,12 +6,14 @@
 #include <set>
 
 #include "foundation/math/random.h"
+#include "simulator/render/coarse_map.h"
 
 namespace astronav::render {
 namespace {
 
 ImageF normal_map(int width, int height, double sigma, const StreamId& id) {
   ImageF map(width, height);
+  if (sigma == 0.0) return map;
   RandomStream random(id);
   // A pixel never loses more than all of its signal.
   for (float& x : map.pixels()) x = static_cast<float>(std::max(-1.0, sigma * random.normal()));
@@ -20,30 +22,13 @@ ImageF normal_map(int width, int height, double sigma, const StreamId& id) {
 
 ImageF vignetting_map(const Camera& camera) {
   if (!has_vignetting(camera)) return {};
-  // Smooth: on a grid, and linear between.
-  constexpr int kStep = 8;
-  const int width = camera.intrinsics.width_px;
-  const int height = camera.intrinsics.height_px;
-  const int columns = (width - 1) / kStep + 2;
-  const int rows = (height - 1) / kStep + 2;
-  ImageF grid(columns, rows);
-  for (int j = 0; j < rows; ++j) {
-    for (int i = 0; i < columns; ++i) {
-      const Pixel at{static_cast<double>(i * kStep), static_cast<double>(j * kStep)};
-      const Result<Vec3> direction_C = unproject(camera.intrinsics, at);
-      grid(i, j) = direction_C ? static_cast<float>(vignetting(camera, at, *direction_C)) : 0.0f;
-    }
-  }
-  ImageF map(width, height);
-  for (int v = 0; v < height; ++v) {
-    const float y = static_cast<float>(v % kStep) / kStep;
-    for (int u = 0; u < width; ++u) {
-      const float x = static_cast<float>(u % kStep) / kStep;
-      const int i = u / kStep;
-      const int j = v / kStep;
-      map(u, v) = (1.0f - y) * ((1.0f - x) * grid(i, j) + x * grid(i + 1, j)) +
-                  y * ((1.0f - x) * grid(i, j + 1) + x * grid(i + 1, j + 1));
-    }
+  const CoarseMap<8> smooth(camera.intrinsics, [&](Pixel at) {
+    const Result<Vec3> direction_C = unproject(camera.intrinsics, at);
+    return direction_C ? vignetting(camera, at, *direction_C) : 0.0;
+  });
+  ImageF map(camera.intrinsics.width_px, camera.intrinsics.height_px);
+  for (int v = 0; v < map.height(); ++v) {
+    for (int u = 0; u < map.width(); ++u) map(u, v) = smooth(u, v);
   }
   return map;
 }
@@ -74,9 +59,8 @@ double vignetting(const Camera& camera, Pixel at, const Vec3& direction_C) {
   const Intrinsics& k = camera.intrinsics;
   const double du = at.u - k.cx_px;
   const double dv = at.v - k.cy_px;
-  const double half_diagonal2 =
-      0.25 * (static_cast<double>(k.width_px) * k.width_px + static_cast<double>(k.height_px) * k.height_px);
-  const double lost = camera.optics.vignetting_corner_loss * (du * du + dv * dv) / half_diagonal2;
+  const double corner = k.half_diagonal_px();
+  const double lost = camera.optics.vignetting_corner_loss * (du * du + dv * dv) / (corner * corner);
   const double cosine = std::max(0.0, direction_C.normalized().z());
   return std::max(0.0, 1.0 - lost) * std::pow(cosine, camera.optics.vignetting_cos_power);
 }

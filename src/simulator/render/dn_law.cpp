@@ -41,24 +41,18 @@ Span electrons_of(double lowest_mean_e, double highest_mean_e) {
   return {std::max(0L, static_cast<long>(lowest_mean_e - down)), static_cast<long>(highest_mean_e + up)};
 }
 
+// From lowest to highest DN; of a chain with shot noise, as all that follows.
 Span dn_of(const DnChain& chain, double lowest_mean_e, double highest_mean_e) {
-  Span electrons{};
-  double low = lowest_mean_e;
-  double high = highest_mean_e;
-  if (chain.shot) {
-    electrons = electrons_of(lowest_mean_e, highest_mean_e);
-    low = static_cast<double>(electrons.first);
-    high = static_cast<double>(electrons.last);
-  }
+  const Span electrons = electrons_of(lowest_mean_e, highest_mean_e);
   const double reach = kReach * chain.read_noise_e;
-  return {chain.digitise(std::min(low, chain.full_well_e) - reach),
-          chain.digitise(std::min(high, chain.full_well_e) + reach)};
+  return {chain.digitise(std::min(static_cast<double>(electrons.first), chain.full_well_e) - reach),
+          chain.digitise(std::min(static_cast<double>(electrons.last), chain.full_well_e) + reach)};
 }
 
 // Where a law of this mean is seen at all: seven of its sigmas, which is narrower than what dn_of() gives.
 Span dn_of_law(const DnChain& chain, double mean_e) {
   const Span widest = dn_of(chain, mean_e, mean_e);
-  const double reach = (kReach + 0.5) * chain.noise_e(mean_e) + (chain.shot ? 8.0 : 0.0);
+  const double reach = (kReach + 0.5) * chain.noise_e(mean_e) + 8.0;
   return {std::max<long>(widest.first, chain.digitise(std::min(mean_e, chain.full_well_e) - reach)),
           std::min<long>(widest.last, chain.digitise(mean_e + reach))};
 }
@@ -69,7 +63,6 @@ class LawMaker {
  public:
   LawMaker(const DnChain& chain, double lowest_mean_e, double highest_mean_e)
       : chain_(chain), electrons_(electrons_of(lowest_mean_e, highest_mean_e)) {
-    if (!chain_.shot) return;
     const auto count = static_cast<std::size_t>(electrons_.size());
     read_.resize(count);
     log_factorial_.resize(count);
@@ -83,10 +76,6 @@ class LawMaker {
   // Probabilities of first_dn, first_dn + 1, ...; the outermost take what lies beyond them.
   void law(double mean_e, long first_dn, std::span<double> out) const {
     std::fill(out.begin(), out.end(), 0.0);
-    if (!chain_.shot) {
-      add(read_out(mean_e), 1.0, first_dn, out);
-      return;
-    }
     const Span here = electrons_of(mean_e, mean_e);
     const double log_mean = mean_e > 0.0 ? std::log(mean_e) : 0.0;
     for (long n = std::max(here.first, electrons_.first); n <= std::min(here.last, electrons_.last); ++n) {
@@ -133,7 +122,7 @@ class LawMaker {
 
 double products(const DnChain& chain, double mean_e, double levels) {
   const double read_width = 2.0 * kReach * chain.read_noise_e / chain.gain_e_dn + 2.0;
-  return levels * read_width * (chain.shot ? static_cast<double>(electrons_of(mean_e, mean_e).size()) : 1.0);
+  return levels * read_width * static_cast<double>(electrons_of(mean_e, mean_e).size());
 }
 
 }  // namespace
@@ -181,6 +170,7 @@ void AliasTables::add(std::span<const double> probability) {
 
 std::optional<EvenLaws> EvenLaws::make(const DnChain& chain, double lowest_mean_e, double highest_mean_e,
                                        double step_e) {
+  if (!chain.shot) return {};
   const Span dn = dn_of(chain, lowest_mean_e, highest_mean_e);
   if (dn.size() > static_cast<long>(AliasTables::kWidest)) return {};
   const double wanted = std::ceil((highest_mean_e - lowest_mean_e) / step_e) + 1.0;

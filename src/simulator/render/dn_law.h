@@ -72,7 +72,8 @@ class AliasTables {
 // Laws for pixels whose means lie between two bounds, in equal steps: for what is nearly the same everywhere.
 class EvenLaws {
  public:
-  // `step_e` is made longer where that many levels would be too many. Nothing where the tables would be too large.
+  // `step_e` is rounded so that steps fit between the bounds. Nothing where the chain has no shot noise, or where the
+  // tables would be too large.
   static std::optional<EvenLaws> make(const DnChain& chain, double lowest_mean_e, double highest_mean_e, double step_e);
 
   std::size_t levels() const { return levels_; }

@@ -142,6 +142,11 @@ void add_disc(const LitDisc& disc, Pixel photocentre, double radius_px, double s
   sheet.touch(w);
 }
 
+// How far a core is drawn: further where its electrons are seen further out.
+double core_reach(double sigma_px, double electrons) {
+  return sigma_px * std::max(kCoreReach, std::sqrt(2.0 * std::log(std::max(1.0, electrons / kFaintest))));
+}
+
 // How far a wing is drawn: to where a pixel holds kFaintest electrons of it. 0 where it never holds e times that.
 double wing_reach(double sigma_px, double electrons) {
   const double peak = electrons / (2.0 * kPi * sigma_px * sigma_px);
@@ -176,9 +181,8 @@ double core_sigma(const Camera& camera, Pixel at) {
   const Intrinsics& c = camera.intrinsics;
   const double du = at.u - c.cx_px;
   const double dv = at.v - c.cy_px;
-  const double half_diagonal2 =
-      0.25 * (static_cast<double>(c.width_px) * c.width_px + static_cast<double>(c.height_px) * c.height_px);
-  return camera.psf.sigma_px + camera.psf.sigma_growth_px * (du * du + dv * dv) / half_diagonal2;
+  const double corner = c.half_diagonal_px();
+  return camera.psf.sigma_px + camera.psf.sigma_growth_px * (du * du + dv * dv) / (corner * corner);
 }
 
 LitDisc lambert_disc(int cells, double phase_angle_rad, const Vec2& sunward) {
@@ -220,7 +224,7 @@ Painter::Painter(const Camera& camera, const Effects& effects)
       aberrations_(effects.psf_aberrations),
       motion_(effects.motion),
       discs_(effects.discs),
-      half_diagonal_px_(0.5 * std::hypot(camera.intrinsics.width_px, camera.intrinsics.height_px)) {}
+      half_diagonal_px_(camera.intrinsics.half_diagonal_px()) {}
 
 void Painter::add(const RenderedSource& source, Sheet& sheet) const {
   if (!(source.electrons > 0.0) || !std::isfinite(source.pixel.u) || !std::isfinite(source.pixel.v)) return;
@@ -255,8 +259,7 @@ void Painter::add_at(const RenderedSource& source, Pixel at, double electrons, S
     if (lit.cells > 0) disc = &lit;
   }
   if (!aberrations_) {
-    const double reach = sigma * std::max(kCoreReach, std::sqrt(2.0 * std::log(std::max(1.0, electrons / kFaintest))));
-    add_shape(source, disc, at, sigma, reach, electrons, sheet);
+    add_shape(source, disc, at, sigma, core_reach(sigma, electrons), electrons, sheet);
     return;
   }
   double core = electrons;
@@ -284,7 +287,7 @@ void Painter::add_core(const RenderedSource& source, const LitDisc* disc, Pixel 
     return;
   }
   const double sigma = core_sigma(*camera_, at);
-  const double reach = sigma * std::max(kCoreReach, std::sqrt(2.0 * std::log(std::max(1.0, electrons / kFaintest))));
+  const double reach = core_reach(sigma, electrons);
   const Vec2 from_axis(at.u - camera_->intrinsics.cx_px, at.v - camera_->intrinsics.cy_px);
   const double distance = from_axis.norm();
   const double length = camera_->psf.coma_px * distance / half_diagonal_px_;

@@ -10,6 +10,7 @@
 #include <mutex>
 #include <unordered_map>
 
+#include "simulator/render/coarse_map.h"
 #include "simulator/render/detector_pattern.h"
 #include "simulator/render/dn_law.h"
 #include "simulator/render/point_spread.h"
@@ -49,43 +50,24 @@ double transfer_share(const Camera& camera, const Exposure& exposure, const Effe
              : 0.0;
 }
 
-// Stray sunlight over the picture (docs/theory/rendering.md eq. 12), smooth: on a grid, and linear between.
-class StrayLight {
- public:
-  StrayLight(const Camera& camera, const Exposure& exposure, const Effects& effects) {
-    const double distance = exposure.sun_C_m.norm();
-    if (!effects.stray_light || !(camera.optics.stray_light_e_s_px > 0.0) || !(distance > 0.0)) return;
-    const Intrinsics& k = camera.intrinsics;
-    const Vec3 sun_C = exposure.sun_C_m / distance;
-    const double at_30_degrees =
-        camera.optics.stray_light_e_s_px * exposure.duration_s * std::pow(kAstronomicalUnit / distance, 2);
-    grid_ = ImageF((k.width_px - 1) / kStep + 2, (k.height_px - 1) / kStep + 2);
-    for (int j = 0; j < grid_.height(); ++j) {
-      for (int i = 0; i < grid_.width(); ++i) {
-        const Result<Vec3> direction_C = unproject(k, {static_cast<double>(i * kStep), static_cast<double>(j * kStep)});
-        if (!direction_C) continue;
-        // The law holds outside of the Sun's disc.
-        const double angle = std::max(0.25 * kDegree, angle_between(*direction_C, sun_C));
-        grid_(i, j) =
-            static_cast<float>(at_30_degrees * std::pow(30.0 * kDegree / angle, camera.optics.stray_light_power));
-      }
-    }
-  }
-  bool any() const { return grid_.width() > 0; }
-  float operator()(int u, int v) const {
-    if (!any()) return 0.0f;
-    const int i = u / kStep;
-    const int j = v / kStep;
-    const float x = static_cast<float>(u % kStep) / kStep;
-    const float y = static_cast<float>(v % kStep) / kStep;
-    return (1.0f - y) * ((1.0f - x) * grid_(i, j) + x * grid_(i + 1, j)) +
-           y * ((1.0f - x) * grid_(i, j + 1) + x * grid_(i + 1, j + 1));
-  }
+bool has_stray_light(const Camera& camera, const Exposure& exposure, const Effects& effects) {
+  return effects.stray_light && camera.optics.stray_light_e_s_px > 0.0 && exposure.sun_C_m.norm() > 0.0;
+}
 
- private:
-  static constexpr int kStep = 16;
-  ImageF grid_;
-};
+// Stray sunlight over the picture, electrons a pixel (docs/theory/rendering.md eq. 12).
+CoarseMap<16> stray_light(const Camera& camera, const Exposure& exposure) {
+  const double distance = exposure.sun_C_m.norm();
+  const Vec3 sun_C = exposure.sun_C_m / distance;
+  const double at_30_degrees =
+      camera.optics.stray_light_e_s_px * exposure.duration_s * std::pow(kAstronomicalUnit / distance, 2);
+  return {camera.intrinsics, [&](Pixel at) {
+            const Result<Vec3> direction_C = unproject(camera.intrinsics, at);
+            if (!direction_C) return 0.0;
+            // The law holds outside of the Sun's disc.
+            const double angle = std::max(0.25 * kDegree, angle_between(*direction_C, sun_C));
+            return at_30_degrees * std::pow(30.0 * kDegree / angle, camera.optics.stray_light_power);
+          }};
+}
 
 // Charge of one column, as far as it is known: pixels are drawn when overflowing charge reaches them.
 class Column {
@@ -200,8 +182,8 @@ Renderer::Renderer(const Camera& camera, std::uint64_t detector_seed)
 std::shared_ptr<const Renderer::Background> Renderer::background(const Exposure& asked, const Effects& effects) const {
   // The Sun's place matters to stray light alone.
   Exposure exposure{.duration_s = asked.duration_s};
-  const StrayLight stray(camera_, asked, effects);
-  if (stray.any()) exposure.sun_C_m = asked.sun_C_m;
+  const bool has_stray = has_stray_light(camera_, asked, effects);
+  if (has_stray) exposure.sun_C_m = asked.sun_C_m;
 
   auto made = std::make_shared<Background>();
   made->exposure = exposure;
@@ -222,6 +204,7 @@ std::shared_ptr<const Renderer::Background> Renderer::background(const Exposure&
   const double light_e = effects.background ? d.background_e_s_px * exposure.duration_s : 0.0;
   const double dark_e = effects.dark ? d.dark_current_e_s * exposure.duration_s * dark_factor(d) : 0.0;
   const bool vignetted = effects.vignetting && pattern_->vignetting.width() > 0;
+  const CoarseMap<16> stray = has_stray ? stray_light(camera_, exposure) : CoarseMap<16>();
   made->pixels = Image<Background::Pixel>(width, height);
   // Diffuse light smears as well: every pixel passes under its whole column.
   std::vector<double> column_sums(static_cast<std::size_t>(width), 0.0);
@@ -229,7 +212,7 @@ std::shared_ptr<const Renderer::Background> Renderer::background(const Exposure&
     for (int u = 0; u < width; ++u) {
       Background::Pixel& pixel = made->pixels(u, v);
       const float seen = vignetted ? pattern_->vignetting(u, v) : 1.0f;
-      pixel.mean_e = (static_cast<float>(light_e) + stray(u, v)) * seen;
+      pixel.mean_e = (static_cast<float>(light_e) + (has_stray ? stray(u, v) : 0.0f)) * seen;
       pixel.response = effects.photo_nonuniformity ? 1.0f + pattern_->prnu(u, v) : 1.0f;
       column_sums[static_cast<std::size_t>(u)] += static_cast<double>(pixel.mean_e);
     }
@@ -254,11 +237,8 @@ std::shared_ptr<const Renderer::Background> Renderer::background(const Exposure&
   }
 
   const double step = kMeanStepSigma * made->chain.noise_e(0.5 * (lowest + highest));
-  // Without shot and read noise there is nothing to draw.
-  if (effects.shot) {
-    const double reserve = transfer > 0.0 ? kSmearReserve * step : 0.0;
-    made->laws = EvenLaws::make(made->chain, lowest, highest + reserve, step);
-  }
+  const double reserve = transfer > 0.0 ? kSmearReserve * step : 0.0;
+  made->laws = EvenLaws::make(made->chain, lowest, highest + reserve, step);
   if (made->laws) {
     const auto means = made->pixels.pixels();
     const auto levels = static_cast<double>(made->laws->levels());

@@ -3,13 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <unistd.h>
 
-#include "foundation/files/mapped_file.h"
 #include "foundation/raster/raster.h"
 #include "models/aberration/aberration.h"
 #include "models/ephemeris/bodies.h"
@@ -22,27 +19,6 @@ using Json = nlohmann::ordered_json;
 constexpr double kMarginPx = 20.0;
 constexpr double kMaxSmearRad = 30.0 * kDegree;
 constexpr double kChartMag = 4.5;
-
-// The raster library writes 16-bit PNG to files; this one lives as long as the call.
-Result<std::string> png16(ImageView<const std::uint16_t> image) {
-  std::string pattern = (std::filesystem::temp_directory_path() / "astronav_png_XXXXXX").string();
-  if (mkdtemp(pattern.data()) == nullptr) {
-    return fail(ErrorCode::io_failure, "no folder for temporary files could be made");
-  }
-  const std::filesystem::path folder = pattern, path = folder / "frame.png";
-  const auto written = write_png16(path, image);
-  Result<std::string> out;
-  if (!written) {
-    out = forward(written);
-  } else if (const auto file = MappedFile::open(path)) {
-    out = std::string(file->text());
-  } else {
-    out = forward(file);
-  }
-  std::error_code ignored;
-  std::filesystem::remove_all(folder, ignored);
-  return out;
-}
 
 bool on_detector(const Intrinsics& c, Pixel p) {
   return p.u >= -0.5 && p.v >= -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
@@ -198,13 +174,10 @@ Result<void> Studio::take(const Scene& scene, Shot& shot) const {
   const double margin_px = kMarginPx + 0.5 * smear_rad / intrinsics.plate_scale_rad_px();
   const double radius_rad =
       std::min(intrinsics.half_diagonal_rad() + 2.0 * margin_px * intrinsics.plate_scale_rad_px(), kPi);
-  const auto seen = sky::Sky(*ephemeris_, *stars_)
-                        .look(*scene.epoch, *state, R_CN->row(2).transpose(), radius_rad, camera->band, scene.sky);
+  const auto seen = sky_.look(*scene.epoch, *state, R_CN->row(2).transpose(), radius_rad, camera->band, scene.sky);
   if (!seen) return forward(seen, "epoch");
   render::Exposure exposure{.duration_s = shot.exposure_s, .rate_C_rad_s = scene.rate_C_rad_s};
-  if (const auto sun = light_time(*ephemeris_, body::sun, *state, *scene.epoch)) {
-    exposure.sun_C_m = *R_CN * sun->relative.p_m;
-  }
+  exposure.sun_C_m = *R_CN * sky_.sun_N_m(*scene.epoch, *state);
   shot.sources = render::place_sources(*seen, *camera->camera, *R_CN, exposure, margin_px, scene.effects);
   if (scene.format == PixelFormat::none) return {};
   if (scene.format == PixelFormat::electrons) {
@@ -213,7 +186,7 @@ Result<void> Studio::take(const Scene& scene, Shot& shot) const {
   }
   camera->renderer.frame(shot.sources, exposure, noise, shot.dn, scene.effects);
   if (scene.format == PixelFormat::png) {
-    auto png = png16(shot.dn.view());
+    auto png = encode_png16(shot.dn.view());
     if (!png) return forward(png);
     shot.png = std::move(*png);
   }
@@ -255,8 +228,7 @@ Result<Json> Studio::surroundings(const Scene& scene, Shot& shot) const {
   sky::SkySettings settings = scene.sky;
   settings.max_v_mag = kChartMag;
   const auto all =
-      sky::Sky(*ephemeris_, *stars_)
-          .look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), kPi, ready(scene)->band, settings);
+      sky_.look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), kPi, ready(scene)->band, settings);
   if (!all) return forward(all, "epoch");
   Json stars = Json::array(), bodies = Json::array();
   for (const sky::SkySource& s : *all) {
@@ -274,9 +246,9 @@ Result<Json> Studio::surroundings(const Scene& scene, Shot& shot) const {
   }
   out["stars"] = std::move(stars);
   out["bodies"] = std::move(bodies);
-  if (const auto sun = light_time(*ephemeris_, body::sun, shot.observer_O, shot.epoch)) {
-    const Json at = place(sun->relative.p_m);
-    out["sun"] = {{"ra_deg", at[0]}, {"dec_deg", at[1]}, {"distance_km", sun->relative.p_m.norm() * 1e-3}};
+  if (const Vec3 sun_N_m = sky_.sun_N_m(shot.epoch, shot.observer_O); sun_N_m.norm() > 0.0) {
+    const Json at = place(sun_N_m);
+    out["sun"] = {{"ra_deg", at[0]}, {"dec_deg", at[1]}, {"distance_km", sun_N_m.norm() * 1e-3}};
   }
   return out;
 }

@@ -20,6 +20,7 @@
 #include "models/stars/catalogue.h"
 #include "simulator/render/renderer.h"
 #include "simulator/server/scene.h"
+#include "simulator/sky/sky.h"
 
 namespace astronav::server {
 
@@ -50,7 +51,7 @@ class Studio {
   };
   // Ephemeris and stars must outlive the studio.
   Studio(const Ephemeris& ephemeris, const StarCatalogue& stars, const Room& room)
-      : ephemeris_(&ephemeris), stars_(&stars), room_(room) {}
+      : ephemeris_(&ephemeris), sky_(ephemeris, stars), room_(room) {}
 
   // Safe to call from several threads; they wait for one another only where two want the same new camera.
   Result<void> take(const Scene& scene, Shot& shot) const;
@@ -78,7 +79,7 @@ class Studio {
   Result<Mat3> attitude(const Scene& scene, const State& observer_O) const;
 
   const Ephemeris* ephemeris_;
-  const StarCatalogue* stars_;
+  sky::Sky sky_;
   Room room_;
   mutable std::mutex mutex_;
   mutable std::list<std::shared_ptr<Place>> places_;  // the most recently used first

@@ -199,6 +199,11 @@ Sky::Sky(const Ephemeris& ephemeris, const StarCatalogue& catalogue) : ephemeris
   }
 }
 
+Vec3 Sky::sun_N_m(Epoch epoch, const State& observer_O) const {
+  const auto sun = light_time(*ephemeris_, body::sun, observer_O, epoch);
+  return sun ? sun->relative.p_m : Vec3::Zero();
+}
+
 Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
                                          const BandPhotometry& band, const SkySettings& settings) const {
   const Look look{

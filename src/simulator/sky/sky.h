@@ -64,6 +64,8 @@ class Sky {
   // ephemeris; a small body is just not there beyond its kernel.
   Result<std::vector<SkySource>> look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
                                       const BandPhotometry& band, const SkySettings& settings) const;
+  // From the observer to where it sees the Sun (light time, no aberration), N, metres; zero where no kernel holds it.
+  Vec3 sun_N_m(Epoch epoch, const State& observer_O) const;
 
  private:
   const Ephemeris* ephemeris_;

@@ -77,11 +77,7 @@ Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_
                         world_.band(), world_.sky_settings());
   if (!sky) return forward(sky);
   render::Exposure exposure{.duration_s = camera.exposure_s};
-  if (camera.optics.stray_light_e_s_px > 0.0) {
-    const auto sun = light_time(world_.ephemeris(), body::sun, truth_O, event.epoch);
-    if (!sun) return forward(sun);
-    exposure.sun_C_m = R_CN * sun->relative.p_m;
-  }
+  exposure.sun_C_m = R_CN * world_.sky().sun_N_m(event.epoch, truth_O);
   sources_ = render::place_sources(*sky, camera, R_CN, exposure);
   world_.renderer().frame(sources_, exposure, noise, frame_);
   records.stage_ms_sum.render += milliseconds_since(before);

@@ -23,10 +23,6 @@ constexpr double kSearchPx = 2.0;
 constexpr double kGate = 4.0;  // robust sigma, in fits
 constexpr double kSamePlace = 5.0 * kArcsecond;
 
-double half_diagonal_px(const Intrinsics& c) {
-  return 0.5 * std::hypot(c.width_px, c.height_px);
-}
-
 // Nothing but the light of stars: no sky, no dark current, nothing lost in a full well.
 render::Effects starlight() {
   render::Effects effects = render::Effects::expected();
@@ -209,7 +205,7 @@ void Model::fit_plate(std::span<const Measured> stars) {
   const Intrinsics start = camera.intrinsics;
   const Mat3 R_start = R_CN;
   // Half the diagonal on the normalised plane: parameters are told by what they move there, in pixels.
-  const double edge = half_diagonal_px(start) / start.fx_px;
+  const double edge = start.half_diagonal_px() / start.fx_px;
   const double e2 = edge * edge;
   const double px = start.fx_px * edge;  // half the diagonal
   // Three turns, fx, fy, k1, k2, p1, p2; and how far each may go without good reason.
@@ -268,7 +264,7 @@ void Model::fit_plate(std::span<const Measured> stars) {
 
 void Model::fit_photometry(std::span<const Measured> stars) {
   const Intrinsics& c = camera.intrinsics;
-  const double corner = half_diagonal_px(c);
+  const double corner = c.half_diagonal_px();
   const double loss_now = camera.optics.vignetting_corner_loss;
   constexpr double kFloorMag = 0.1;  // catalogue, variability, undersampling
   struct Row {

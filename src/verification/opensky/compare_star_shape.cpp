@@ -22,8 +22,8 @@ StarShape::StarShape(const Camera& camera, Pixel near)
       light_(kSide, kSide) {
   const Intrinsics& c = camera.intrinsics;
   const double du = near.u - c.cx_px, dv = near.v - c.cy_px;
-  const double half_diagonal2 = 0.25 * (std::pow(c.width_px, 2) + std::pow(c.height_px, 2));
-  core_sigma_px_ = psf_.sigma_px + psf_.sigma_growth_px * (du * du + dv * dv) / half_diagonal2;
+  const double corner = c.half_diagonal_px();
+  core_sigma_px_ = psf_.sigma_px + psf_.sigma_growth_px * (du * du + dv * dv) / (corner * corner);
 }
 
 const ImageF& StarShape::draw(Pixel at) {
