@@ -2,13 +2,15 @@
 // Identifier: which spot is which star, and so the attitude.
 //
 // Lost in space: triangles of bright spots in the pyramid's order (Mortari et al. 2004: no bad spot twice running) are
-// looked up in the pair index; near-collinear ones are refused, handedness must agree, a fourth spot must confirm. Each
+// looked up in the pair index; near-collinear ones are refused, handedness must agree, further spots must confirm. Each
 // hypothesis is judged by all catalogue stars in the field, as in RANSAC, and taken only if chance would do as well
-// with a probability below `max_chance` (docs/theory/vision.md eq. 9). With a prior attitude the judging comes at once.
-// Allocates in its constructor and never again; the work is bounded by `max_hypotheses`.
+// with a probability below `max_chance` (docs/theory/vision.md eq. 9). The search begins with narrow tolerances and few
+// spots and ends with wide tolerances and many. With a prior attitude the judging comes at once.
+// Allocates in its constructor and never again; the work is bounded by `max_pairs` and `max_hypotheses`.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -19,18 +21,32 @@
 
 namespace astronav::vision {
 
+enum class Parity : unsigned char { as_seen, mirrored, unknown };
+
 struct IdentifySettings {
-  int asterism_spots = 16;          // brightest, evenly spread: the corners of triangles
-  double pair_tolerance_px = 0.6;   // of the distance of two spots: 3 sqrt(2) sigma, and what distortion is left
-  double scale_tolerance = 1.5e-3;  // how wrong the believed focal length may be
-  double first_match_px = 4.0;      // star to spot, for a fresh hypothesis
-  double match_px = 1.0;            // star to spot, at the end
-  std::size_t rough_stars = 40;     // brightest, while the net is wide
-  int max_hypotheses = 400;         // triangles judged
-  int min_matched = 5;
-  double max_chance = 1e-9;
+  int first_spots = 14;             // brightest, evenly spread: the corners of the first triangles
+  int asterism_spots = 80;          // and of the last, less evenly: many may be no stars
+  double pair_tolerance_px = 0.6;   // of the distance of two spots, beside what their covariances say: what distortion
+                                    // is left. The first search takes a sixth of it.
+  double scale_tolerance = 1.5e-3;  // how wrong the believed focal length may be; the first search takes an eighth of
+                                    // it (aberration alone is 1e-4)
+  double focal_uncertainty = 0.0;   // relative; where it is more than that, a ladder of focal lengths is climbed, and
+                                    // the focal length is solved for
+  Parity parity = Parity::as_seen;
+  double first_match_px = 4.0;   // star to spot, for a fresh hypothesis
+  double match_px = 1.0;         // star to spot, at the end; wider where the covariances are
+  std::size_t rough_stars = 40;  // brightest, while the net is wide
+  // Work of one search: entries of the pair index that are looked at (5 to 10 ns each).
+  std::int64_t max_pairs = 5000000;
+  int max_hypotheses = 400;  // confirmed and judged
+  int min_matched = 4;       // lost in space
+  int min_tracked = 5;       // with a prior attitude
+  double max_chance = 1e-6;
   double psf_sigma_px = 0.8;         // for leaving out close pairs
   double brightness_gate_mag = 1.5;  // of a matched star from the others' median zero point; 0: brightness is not used
+  // From so many stars on, k1 (and p1, p2 from twice as many) are solved for too, where that explains the places far
+  // better; 0: never.
+  int distortion_from_stars = 0;
   AttitudeOptions attitude;
 };
 
@@ -38,7 +54,7 @@ struct Identification {
   AttitudeSolution attitude;
   std::size_t matched = 0;  // entries written
   int triples = 0;          // of spots looked up
-  int hypotheses = 0;       // judged
+  int hypotheses = 0;       // judged by all stars
 };
 
 // Upper bound (Chernoff) of the probability that at least `matched` of `spots` hit by chance, each with probability p.
@@ -51,6 +67,8 @@ class Identifier {
              std::size_t max_spots);
 
   // Spots in order of falling flux. Matches (bright stars first) into `matches`. no_match where nothing convinces.
+  // Of a mirrored picture (`mirrored` in the answer) the attitude and the residuals are those of the picture turned
+  // right: u counts from the right.
   Result<Identification> lost_in_space(std::span<const Centroid> spots, const Observer& observer,
                                        std::span<MatchedStar> matches);
   // `radius_px`: how far off the prior may put the stars. no_match where it does not hold.
@@ -68,25 +86,59 @@ class Identifier {
   struct Candidate {
     std::uint16_t a, b, c;
   };
+  // One pass over the triangles.
+  struct Search {
+    double pair_px = 0.0;
+    double scale = 0.0;
+    double first_match_px = 0.0;
+    double least_sine = 0.3;
+    std::size_t corners = 0;
+    std::int64_t pairs = 0;
+  };
+  // What may be told of a hypothesis before it is judged.
+  struct Claim {
+    Mat3 R_CN;
+    double radius_px = 0.0;
+    int given = 0;          // matches that made it, and so prove nothing
+    double expected = 1.0;  // how many such hypotheses chance makes
+    int min_matched = 0;
+    bool free_focal = false;
+  };
 
+  // identify.cpp: from spots to hypotheses.
   void load_spots(std::span<const Centroid> spots);
-  void choose_asterism_spots(std::span<const Centroid> spots);
+  void choose_asterism_spots(std::span<const Centroid> spots, std::size_t count, int neighbours);
+  double typical_sigma_px(std::span<const Centroid> spots) const;
+  bool search(std::span<const Centroid> spots, const Observer& observer, const Search& how, Identification& out,
+              std::span<MatchedStar> matches);
+  // All triples of index stars that look like (a, b, c), into candidates_; returns how many chance makes (eq. 9a).
+  double triangles(const Vec3& a, const Vec3& b, const Vec3& c, const Search& how);
+  bool confirmed(const Mat3& R_CN, const int (&corner)[3], double radius_px) const;
+
+  // identify_judge.cpp: from a hypothesis to an attitude, or to nothing.
   void gather_stars(const Mat3& R_CN, const Observer& observer, std::size_t spots);
   int match(std::span<const Centroid> spots, const Mat3& R_CN, const Intrinsics& camera, double radius_px,
             std::size_t enough);
   void drop_mixed(std::span<const Centroid> spots);
   void drop_wrong_brightness(std::span<const Centroid> spots);
-  std::size_t triangles(const Vec3& a, const Vec3& b, const Vec3& c);
-  bool confirmed(std::span<const Centroid> spots, const Mat3& R_CN, const int (&corner)[3]) const;
-  bool judge(std::span<const Centroid> spots, const Observer& observer, const Mat3& R_CN, double radius_px, int given,
-             double tried, Identification& out, std::span<MatchedStar> matches);
+  double unexplained_sigma_px();
+  Result<AttitudeFit> fit(const AttitudeFit& start, AttitudeOptions options);
+  std::optional<AttitudeFit> fit_bent(const AttitudeFit& start, const AttitudeFit& straight, AttitudeOptions& options);
+  double chance(std::span<const Centroid> spots, const Claim& claim, double radius_px) const;
+  bool judge(std::span<const Centroid> spots, const Observer& observer, const Claim& claim, Identification& out,
+             std::span<MatchedStar> matches);
 
   const StarField& field_;
   const PairIndex& index_;
-  Intrinsics camera_;
+  Intrinsics believed_;
+  Intrinsics camera_;  // as tried just now: with another focal length where that is not known
   IdentifySettings settings_;
   double pixel_rad_ = 0.0;
+  bool mirrored_ = false;       // tried just now
+  std::int64_t looked_at_ = 0;  // entries of the pair index
+  double expected_ = 0.0;       // chance hypotheses among all that were looked up
 
+  std::vector<Centroid> turned_;           // a mirrored picture's spots, turned right
   std::vector<Vec3> spot_C_;               // directions of all spots
   std::vector<int> asterism_;              // indices of spots
   std::vector<std::int32_t> grid_, next_;  // spots by 32-pixel tiles
@@ -96,7 +148,7 @@ class Identifier {
   std::vector<std::uint32_t> cone_;
   std::vector<StarSight> sights_;
   std::vector<std::uint32_t> sight_star_;
-  std::vector<double> zero_points_;
+  std::vector<double> numbers_;     // for medians
   std::vector<std::int32_t> head_;  // of each index star: chain of partners for one side of the triangle
   std::vector<std::uint32_t> stamp_;
   std::uint32_t now_ = 0;

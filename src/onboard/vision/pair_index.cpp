@@ -32,7 +32,7 @@ AsterismSettings AsterismSettings::for_field(double fov_h_rad, double fov_v_rad)
   AsterismSettings settings;
   const double shorter = std::min(fov_h_rad, fov_v_rad);
   settings.radius_rad = 0.25 * shorter;
-  settings.max_angle_rad = std::min(std::hypot(fov_h_rad, fov_v_rad), 20.0 * kDegree);
+  settings.max_angle_rad = std::hypot(fov_h_rad, fov_v_rad);
   settings.neighbours = shorter < 7.0 * kDegree ? 2 : 4;
   return settings;
 }

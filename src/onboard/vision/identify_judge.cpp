@@ -1,0 +1,319 @@
+// SPDX-License-Identifier: Apache-2.0
+// The second half of the Identifier: a hypothesis is judged by all catalogue stars in the field.
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "onboard/vision/identify.h"
+#include "onboard/vision/spot_tiles.h"
+
+namespace astronav::vision {
+namespace {
+
+// A net of this many sigma misses one star in ten thousand.
+constexpr double kNetSigma = 4.3;
+// Median of chi-square with two degrees of freedom.
+constexpr double kMedianOfChi2 = 1.386;
+// By how much chi-square must fall before a lens is believed to bend lines (two parameters bring 2 by chance, and 30
+// once in three million).
+constexpr double kDistortionGain = 30.0;
+
+}  // namespace
+
+double chance_of_matches(int spots, int matched, double p) {
+  if (matched <= 0 || spots <= 0) return 1.0;
+  if (matched > spots) return 0.0;
+  p = std::clamp(p, 1e-300, 1.0);
+  const double x = static_cast<double>(matched) / spots;
+  if (x <= p) return 1.0;
+  const double divergence = x * std::log(x / p) + (x < 1.0 ? (1.0 - x) * std::log((1.0 - x) / (1.0 - p)) : 0.0);
+  return std::exp(-spots * divergence);
+}
+
+// The brightest stars of the field: some more than there are spots.
+void Identifier::gather_stars(const Mat3& R_CN, const Observer& observer, std::size_t spots) {
+  const Vec3 boresight = R_CN.row(2).transpose();
+  const std::size_t found = field_.cone(boresight, camera_.half_diagonal_rad() + 0.01, cone_);
+  const std::size_t wanted = std::min({found, kMaxStarsJudged, spots + spots / 2 + 30, 3 * spots + 10});
+  const std::span<const FieldStar> all = field_.stars();
+  std::partial_sort(cone_.begin(), cone_.begin() + static_cast<std::ptrdiff_t>(wanted),
+                    cone_.begin() + static_cast<std::ptrdiff_t>(found),
+                    [&](std::uint32_t a, std::uint32_t b) { return all[a].v_mag < all[b].v_mag; });
+  stars_.clear();
+  for (std::size_t i = 0; i < wanted; ++i)
+    stars_.push_back({.direction_N = field_.apparent(all[cone_[i]], observer), .field = cone_[i], .pixel = {}});
+}
+
+// Pairs every star, bright ones first, with the nearest spot, until there are `enough`. Fills sights_; returns their
+// number.
+int Identifier::match(std::span<const Centroid> spots, const Mat3& R_CN, const Intrinsics& camera, double radius_px,
+                      std::size_t enough) {
+  sights_.clear();
+  sight_star_.clear();
+  const std::span<const FieldStar> all = field_.stars();
+  for (Star& star : stars_) {
+    star.spot = -1;
+    star.visible = false;
+  }
+  for (std::size_t k = 0; k < stars_.size() && sights_.size() < enough; ++k) {
+    Star& star = stars_[k];
+    const Result<Pixel> pixel = project(camera, R_CN * star.direction_N);
+    star.visible = pixel.has_value() && pixel->u > -0.5 && pixel->v > -0.5 && pixel->u < camera.width_px - 0.5 &&
+                   pixel->v < camera.height_px - 0.5;
+    if (!star.visible) continue;
+    star.pixel = *pixel;
+    const int x0 = tile(star.pixel.u - radius_px, grid_width_), x1 = tile(star.pixel.u + radius_px, grid_width_);
+    const int y0 = tile(star.pixel.v - radius_px, grid_height_), y1 = tile(star.pixel.v + radius_px, grid_height_);
+    double best = radius_px * radius_px;
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) {
+        for (std::int32_t i = grid_[static_cast<std::size_t>(y) * grid_width_ + x]; i >= 0; i = next_[i]) {
+          const double d2 = (spots[i].pixel.vec() - star.pixel.vec()).squaredNorm();
+          if (d2 >= best) continue;
+          best = d2;
+          star.spot = i;
+        }
+      }
+    }
+    if (star.spot < 0) continue;
+    StarSight sight;
+    sight.pixel = spots[star.spot].pixel;
+    sight.covariance_px2 = spots[star.spot].covariance_px2;
+    sight.direction_N = star.direction_N;
+    sights_.push_back(sight);
+    sight_star_.push_back(static_cast<std::uint32_t>(k));
+  }
+  return static_cast<int>(sights_.size());
+}
+
+// Stars whose light is mixed with a neighbour's make biased sights. A neighbour with the share q of the common light,
+// at the distance d, pulls by q d exp(-d^2 / 8 sigma^2). Two that make one round spot are taken for what they are, one
+// spot at their common centre; others are left out, both where they claim the same spot.
+void Identifier::drop_mixed(std::span<const Centroid> spots) {
+  const std::span<const FieldStar> all = field_.stars();
+  const double reach = 8.0 * settings_.psf_sigma_px;
+  const double width2 = 8.0 * settings_.psf_sigma_px * settings_.psf_sigma_px;
+  std::fill(star_grid_.begin(), star_grid_.end(), -1);
+  star_next_.assign(stars_.size(), -1);
+  for (std::size_t k = 0; k < stars_.size(); ++k) {
+    if (!stars_[k].visible) continue;
+    std::int32_t& head = star_grid_[static_cast<std::size_t>(tile(stars_[k].pixel.v, grid_height_)) * grid_width_ +
+                                    tile(stars_[k].pixel.u, grid_width_)];
+    star_next_[k] = head;
+    head = static_cast<std::int32_t>(k);
+  }
+  const double one_spot2 = 1.5 * 1.5 * settings_.psf_sigma_px * settings_.psf_sigma_px;
+  const auto mixed = [&](std::uint32_t k, StarSight& sight) {
+    const Star& star = stars_[k];
+    Vec2 common = Vec2::Zero();
+    const double sigma =
+        std::hypot(std::sqrt(0.5 * spots[star.spot].covariance_px2.trace()), settings_.attitude.extra_sigma_px);
+    for (int y = tile(star.pixel.v - reach, grid_height_); y <= tile(star.pixel.v + reach, grid_height_); ++y) {
+      for (int x = tile(star.pixel.u - reach, grid_width_); x <= tile(star.pixel.u + reach, grid_width_); ++x) {
+        for (std::int32_t j = star_grid_[static_cast<std::size_t>(y) * grid_width_ + x]; j >= 0; j = star_next_[j]) {
+          if (j == static_cast<std::int32_t>(k)) continue;
+          const Star& other = stars_[j];
+          const Vec2 apart = other.pixel.vec() - star.pixel.vec();
+          const double d2 = apart.squaredNorm();
+          if (d2 > reach * reach) continue;
+          const double ratio = std::pow(10.0, 0.4 * (all[star.field].v_mag - all[other.field].v_mag));
+          const Vec2 pull = ratio / (1.0 + ratio) * std::exp(-d2 / width2) * apart;
+          if (d2 < one_spot2 && ratio < 1.0) {
+            common += pull;
+          } else if (other.spot == star.spot || pull.norm() > 0.3 * sigma) {
+            return true;
+          }
+        }
+      }
+    }
+    // Magnitudes in the camera's own colours are known to 0.3 mag.
+    sight.pixel = {sight.pixel.u - common.x(), sight.pixel.v - common.y()};
+    sight.covariance_px2 += Mat2::Identity() * 0.09 * common.squaredNorm();
+    return false;
+  };
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < sights_.size(); ++i) {
+    if (mixed(sight_star_[i], sights_[i])) continue;
+    sights_[kept] = sights_[i];
+    sight_star_[kept++] = sight_star_[i];
+  }
+  sights_.resize(kept);
+  sight_star_.resize(kept);
+}
+
+// A star much fainter or brighter than the spot it was paired with is another one; a planet in front of it, say.
+void Identifier::drop_wrong_brightness(std::span<const Centroid> spots) {
+  if (!(settings_.brightness_gate_mag > 0.0) || sights_.size() < 5) return;
+  const auto zero_point = [&](std::size_t i) {
+    const Star& star = stars_[sight_star_[i]];
+    return field_.stars()[star.field].v_mag + 2.5 * std::log10(std::max(spots[star.spot].flux_dn, 1e-6));
+  };
+  numbers_.clear();
+  for (std::size_t i = 0; i < sights_.size(); ++i) numbers_.push_back(zero_point(i));
+  const auto middle = numbers_.begin() + static_cast<std::ptrdiff_t>(numbers_.size() / 2);
+  std::nth_element(numbers_.begin(), middle, numbers_.end());
+  const double median = *middle;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < sights_.size(); ++i) {
+    if (std::abs(zero_point(i) - median) > settings_.brightness_gate_mag) continue;
+    sights_[kept] = sights_[i];
+    sight_star_[kept++] = sight_star_[i];
+  }
+  sights_.resize(kept);
+  sight_star_.resize(kept);
+}
+
+// Noise an axis beyond what the covariances tell, from the median of what is left; 0 where it may be chance. A camera
+// or catalogue worse than believed then shows in the covariance of the attitude.
+double Identifier::unexplained_sigma_px() {
+  const auto median_d2 = [&](double extra2) {
+    numbers_.clear();
+    for (const StarSight& sight : sights_)
+      numbers_.push_back(sight.residual_px.squaredNorm() / (0.5 * sight.covariance_px2.trace() + extra2));
+    const auto middle = numbers_.begin() + static_cast<std::ptrdiff_t>(numbers_.size() / 2);
+    std::nth_element(numbers_.begin(), middle, numbers_.end());
+    return *middle;
+  };
+  const double told2 = settings_.attitude.extra_sigma_px * settings_.attitude.extra_sigma_px;
+  const auto n = static_cast<double>(sights_.size());
+  if (sights_.empty() || median_d2(told2) < kMedianOfChi2 * (1.0 + 3.0 / std::sqrt(n))) return 0.0;
+  double lo = 0.0, hi = 0.0;
+  for (const StarSight& sight : sights_) hi = std::max(hi, sight.residual_px.norm());
+  for (int i = 0; i < 12; ++i) {
+    const double mid = 0.5 * (lo + hi);
+    (median_d2(told2 + mid * mid) > kMedianOfChi2 ? lo : hi) = mid;
+  }
+  return hi;
+}
+
+Result<AttitudeFit> Identifier::fit(const AttitudeFit& start, AttitudeOptions options) {
+  options.freedom.focal_length &= sights_.size() >= 4;
+  options.freedom.k1 &= sights_.size() >= 8;
+  options.freedom.tangential &= sights_.size() >= 20;
+  return fit_attitude(sights_, start.R_CN, start.camera, options);
+}
+
+// The same with distortion, where that explains the places far better.
+std::optional<AttitudeFit> Identifier::fit_bent(const AttitudeFit& start, const AttitudeFit& straight,
+                                                AttitudeOptions& options) {
+  AttitudeOptions bent = options;
+  bent.freedom = {.focal_length = true,
+                  .k1 = true,
+                  .tangential = sights_.size() >= 2 * static_cast<std::size_t>(settings_.distortion_from_stars)};
+  // On equal terms: the nets and the gates let through what fits.
+  bent.extra_sigma_px = std::max(bent.extra_sigma_px, straight.residual_rms_px);
+  const Result<AttitudeFit> tried = fit(start, bent);
+  if (!tried) return std::nullopt;
+  const double gain = 2.0 * straight.used - tried->chi2_per_dof * (2.0 * tried->used - 3.0 - bent.freedom.count());
+  if (tried->used < straight.used || gain < kDistortionGain) return std::nullopt;
+  bent.extra_sigma_px = options.extra_sigma_px;
+  options = bent;
+  const Result<AttitudeFit> again = fit(*tried, bent);
+  if (!again) return std::nullopt;
+  return *again;
+}
+
+// Eq. 9. The first spots are the surest, and the nearest matches: several lengths of the list and several radii are
+// tried, and paid for.
+double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, double radius_px) const {
+  int visible = 0, used = 0;
+  for (const Star& star : stars_) visible += star.visible;
+  for (const StarSight& sight : sights_) used += sight.used;
+  const double area = static_cast<double>(camera_.width_px) * camera_.height_px;
+  // Three parameters were fitted: the matches lie nearer to their stars than they did before.
+  const double spent = 2.0 * used / std::max(1.0, 2.0 * used - 3.0);
+  const int all = static_cast<int>(spots.size());
+  const int lengths[] = {15, 30, 60};
+  const double radii[] = {1.0, 0.5, 0.25, 0.125};
+  int tried = 0;
+  double least = 1.0;
+  const auto try_length = [&](int length) {
+    for (const double share : radii) {
+      ++tried;
+      const double radius = share * radius_px;
+      int hits = 0;
+      for (std::size_t i = 0; i < sights_.size(); ++i)
+        hits += sights_[i].used && stars_[sight_star_[i]].spot < length &&
+                sights_[i].residual_px.squaredNorm() < radius * radius;
+      const double p = std::min(0.9, visible * kPi * radius * radius * spent / area);
+      least = std::min(least, chance_of_matches(length - claim.given, hits - claim.given, p));
+    }
+  };
+  for (const int length : lengths)
+    if (length < all) try_length(length);
+  try_length(all);
+  return tried * claim.expected * least;
+}
+
+bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer, const Claim& claim,
+                       Identification& out, std::span<MatchedStar> matches) {
+  gather_stars(claim.R_CN, observer, spots.size());
+  AttitudeFit fitted;
+  fitted.R_CN = claim.R_CN;
+  fitted.camera = camera_;
+  const std::size_t distortion_from = static_cast<std::size_t>(settings_.distortion_from_stars);
+  double radius = claim.radius_px, unexplained = 0.0, told = 0.0;
+  for (int pass = 0;; ++pass) {
+    const double last_radius = std::max(settings_.match_px, kNetSigma * std::hypot(told, unexplained));
+    const bool final_pass = pass > 0 && radius <= last_radius;
+    if (match(spots, fitted.R_CN, fitted.camera, radius, final_pass ? kMaxStarsJudged : settings_.rough_stars) <
+        std::max(3, claim.min_matched - 1))
+      return false;
+    AttitudeOptions options = settings_.attitude;
+    options.freedom.focal_length |= claim.free_focal;
+    const bool may_bend = distortion_from > 0 && sights_.size() >= distortion_from;
+    if (!final_pass) {
+      // A wide net also holds chance pairs: equal weights and a gate that fits the net.
+      options.extra_sigma_px = std::max(options.extra_sigma_px, 0.3 * radius);
+      options.gate_sigma = 2.5;
+      options.freedom.k1 |= may_bend;
+      options.freedom.focal_length |= may_bend;
+    } else {
+      drop_mixed(spots);
+      drop_wrong_brightness(spots);
+    }
+    Result<AttitudeFit> next = fit(fitted, options);
+    if (!next) return false;
+    if (final_pass && may_bend) {
+      if (const auto bent = fit_bent(fitted, *next, options)) next = *bent;
+    }
+    told = 0.0;
+    for (const StarSight& sight : sights_) told += 0.5 * sight.covariance_px2.trace();
+    told = std::sqrt(told / static_cast<double>(std::max<std::size_t>(1, sights_.size())));
+    unexplained = unexplained_sigma_px();
+    if (final_pass) {
+      if (unexplained > 0.0) {
+        options.extra_sigma_px = std::hypot(options.extra_sigma_px, unexplained);
+        next = fit(fitted, options);
+        if (!next) return false;
+      }
+      fitted = *next;
+      break;
+    }
+    fitted = *next;
+    radius = std::max(std::min(radius, std::max(settings_.match_px, kNetSigma * std::hypot(told, unexplained))),
+                      0.4 * radius);
+  }
+  if (fitted.used < claim.min_matched) return false;
+  const double by_chance = chance(spots, claim, radius);
+  if (!(by_chance < settings_.max_chance)) return false;
+
+  AttitudeSolution& attitude = out.attitude;
+  attitude.R_CN = fitted.R_CN;
+  attitude.covariance_rad2 = fitted.covariance_rad2;
+  attitude.intrinsics = fitted.camera;
+  attitude.residual_rms_px = fitted.residual_rms_px;
+  attitude.chance_probability = by_chance;
+  attitude.matched = fitted.used;
+  out.matched = 0;
+  for (std::size_t i = 0; i < sights_.size() && out.matched < matches.size(); ++i) {
+    if (!sights_[i].used) continue;
+    const Star& star = stars_[sight_star_[i]];
+    const FieldStar& entry = field_.stars()[star.field];
+    matches[out.matched++] = {entry.catalogue_index, entry.id, static_cast<std::uint32_t>(star.spot),
+                              sights_[i].residual_px};
+  }
+  return true;
+}
+
+}  // namespace astronav::vision
