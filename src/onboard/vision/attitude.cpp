@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/vision/attitude.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <Eigen/Cholesky>
@@ -15,12 +16,29 @@ namespace astronav::vision {
 namespace {
 
 constexpr int kMaxParameters = 7;
-using Jacobian = Eigen::Matrix<double, 2, Eigen::Dynamic, 0, 2, kMaxParameters>;
-using Normal = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxParameters, kMaxParameters>;
-using Parameters = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxParameters, 1>;
+// With three parameters, the usual case, all sizes are known to the compiler.
+template <int N>
+struct Sizes {
+  static constexpr int kMax = N == Eigen::Dynamic ? kMaxParameters : N;
+  using Jacobian = Eigen::Matrix<double, 2, N, 0, 2, kMax>;
+  using Normal = Eigen::Matrix<double, N, N, 0, kMax, kMax>;
+  using Parameters = Eigen::Matrix<double, N, 1, 0, kMax, 1>;
+};
+
+// Beyond so many sigma a star's weight falls with the square of its distance: double stars that the catalogue takes
+// for single ones lie there, and few others (4 %).
+constexpr double kFullWeightSigma = 2.5;
+
+// So many stars tell whether the covariances are true: where what is left is larger, that of the attitude grows with it
+// (eq. 11a).
+constexpr int kStarsThatTell = 20;
 
 // Columns of IntrinsicsJacobian.
 enum { kFx, kFy, kCx, kCy, kK1, kK2, kK3, kP1, kP2 };
+
+template <int N>
+Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN, const Intrinsics& camera,
+                             const AttitudeOptions& options);
 
 }  // namespace
 
@@ -37,24 +55,34 @@ Result<Mat3> attitude_from_directions(std::span<const Vec3> directions_C, std::s
 
 Result<AttitudeFit> fit_attitude(std::span<StarSight> sights, const Mat3& first_R_CN, const Intrinsics& camera,
                                  const AttitudeOptions& options) {
+  return options.freedom.count() == 0 ? fit_with<3>(sights, first_R_CN, camera, options)
+                                      : fit_with<Eigen::Dynamic>(sights, first_R_CN, camera, options);
+}
+
+namespace {
+
+template <int N>
+Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN, const Intrinsics& camera,
+                             const AttitudeOptions& options) {
+  using Normal = typename Sizes<N>::Normal;
   const CameraFreedom& freedom = options.freedom;
   const int n = 3 + freedom.count();
   AttitudeFit fit;
   fit.R_CN = first_R_CN;
   fit.camera = camera;
   Normal information(n, n);
-  Parameters gradient(n);
+  typename Sizes<N>::Parameters gradient(n);
   bool settled = false;
   for (int iteration = 0; iteration <= options.max_iterations; ++iteration) {
     information.setZero();
     gradient.setZero();
     int used = 0;
-    double chi2 = 0.0, sum2 = 0.0;
+    double chi2 = 0.0, sum2 = 0.0, pulls = 0.0, pulled2 = 0.0;
     for (StarSight& sight : sights) {
       const Vec3 direction_C = fit.R_CN * sight.direction_N;
       Mat23 by_direction;
       IntrinsicsJacobian by_camera;
-      const Result<Pixel> predicted = project(fit.camera, direction_C, &by_direction, &by_camera);
+      const Result<Pixel> predicted = project(fit.camera, direction_C, &by_direction, N == 3 ? nullptr : &by_camera);
       sight.used = false;
       if (!predicted) continue;
       sight.residual_px = sight.pixel.vec() - predicted->vec();
@@ -66,21 +94,28 @@ Result<AttitudeFit> fit_attitude(std::span<StarSight> sights, const Mat3& first_
       if (iteration >= 2 && d2 > options.gate_sigma * options.gate_sigma) continue;
       sight.used = true;
       ++used;
-      Jacobian jacobian(2, n);
-      jacobian.leftCols<3>() = by_direction * cross_matrix(direction_C);  // eq. 10
-      int column = 3;
-      if (freedom.focal_length) jacobian.col(column++) = by_camera.col(kFx) + by_camera.col(kFy);
-      if (freedom.k1) jacobian.col(column++) = by_camera.col(kK1);
-      if (freedom.tangential) {
-        jacobian.col(column++) = by_camera.col(kP1);
-        jacobian.col(column++) = by_camera.col(kP2);
+      typename Sizes<N>::Jacobian jacobian(2, n);
+      jacobian.template leftCols<3>() = by_direction * cross_matrix(direction_C);  // eq. 10
+      if constexpr (N != 3) {
+        int column = 3;
+        if (freedom.focal_length) jacobian.col(column++) = by_camera.col(kFx) + by_camera.col(kFy);
+        if (freedom.k1) jacobian.col(column++) = by_camera.col(kK1);
+        if (freedom.tangential) {
+          jacobian.col(column++) = by_camera.col(kP1);
+          jacobian.col(column++) = by_camera.col(kP2);
+        }
       }
-      // Far-off stars pull with a bounded force while the start is rough (Huber).
+      // While the start is rough, far-off stars pull with a bounded force (Huber); later, the less the farther off.
       const double distance = std::sqrt(d2);
-      const double pull = iteration < 2 && distance > options.gate_sigma ? options.gate_sigma / distance : 1.0;
-      information.noalias() += pull * jacobian.transpose() * weight * jacobian;
-      gradient.noalias() += pull * jacobian.transpose() * weight * sight.residual_px;
+      double pull = 1.0;
+      if (iteration < 2 && distance > options.gate_sigma) pull = options.gate_sigma / distance;
+      if (iteration >= 2 && distance > kFullWeightSigma) pull = kFullWeightSigma * kFullWeightSigma / d2;
+      const Eigen::Matrix<double, N, 2, 0, Sizes<N>::kMax, 2> weighted = pull * jacobian.transpose() * weight;
+      information.noalias() += weighted * jacobian;
+      gradient.noalias() += weighted * sight.residual_px;
       chi2 += d2;
+      pulls += pull;
+      pulled2 += pull * pull * d2;
       sum2 += sight.residual_px.squaredNorm();
     }
     if (2 * used < n + 1)
@@ -94,25 +129,28 @@ Result<AttitudeFit> fit_attitude(std::span<StarSight> sights, const Mat3& first_
       return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
     if (settled || iteration == options.max_iterations) {
       const Normal covariance = ldlt.solve(Normal::Identity(n, n));
-      fit.covariance_rad2 = covariance.topLeftCorner<3, 3>();
+      fit.covariance_rad2 = covariance.template topLeftCorner<3, 3>();
+      if (used >= kStarsThatTell) fit.covariance_rad2 *= std::max(1.0, pulled2 / (2.0 * pulls));
       if (!fit.covariance_rad2.allFinite()) return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
       return fit;
     }
-    const Parameters step = ldlt.solve(gradient);
+    const typename Sizes<N>::Parameters step = ldlt.solve(gradient);
     if (!step.allFinite()) return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
-    const Vec3 theta = step.head<3>();
+    const Vec3 theta = step.template head<3>();
     fit.R_CN = rotation_exp(-theta) * fit.R_CN;
-    int column = 3;
-    if (freedom.focal_length) {
-      // fx and fy change by the same amount: square pixels stay square.
-      fit.camera.fx_px += step(column);
-      fit.camera.fy_px += step(column);
-      ++column;
-    }
-    if (freedom.k1) fit.camera.distortion.k1 += step(column++);
-    if (freedom.tangential) {
-      fit.camera.distortion.p1 += step(column++);
-      fit.camera.distortion.p2 += step(column++);
+    if constexpr (N != 3) {
+      int column = 3;
+      if (freedom.focal_length) {
+        // fx and fy change by the same amount: square pixels stay square.
+        fit.camera.fx_px += step(column);
+        fit.camera.fy_px += step(column);
+        ++column;
+      }
+      if (freedom.k1) fit.camera.distortion.k1 += step(column++);
+      if (freedom.tangential) {
+        fit.camera.distortion.p1 += step(column++);
+        fit.camera.distortion.p2 += step(column++);
+      }
     }
     if (!(fit.camera.fx_px > 0.0)) return fail(ErrorCode::not_converged, "the focal length ran away");
     // 0.1 milliarcsecond; at least one step with the gate at work.
@@ -121,4 +159,5 @@ Result<AttitudeFit> fit_attitude(std::span<StarSight> sights, const Mat3& first_
   return fail(ErrorCode::internal, "unreachable");
 }
 
+}  // namespace
 }  // namespace astronav::vision

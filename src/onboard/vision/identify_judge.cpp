@@ -12,6 +12,8 @@ namespace {
 
 // A net of this many sigma misses one star in ten thousand.
 constexpr double kNetSigma = 4.3;
+// While the net is wide: enough to see which stars belong to each other.
+constexpr int kRoughIterations = 3;
 // Median of chi-square with two degrees of freedom.
 constexpr double kMedianOfChi2 = 1.386;
 // By how much chi-square must fall before a lens is believed to bend lines (two parameters bring 2 by chance, and 30
@@ -266,6 +268,7 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
       // A wide net also holds chance pairs: equal weights and a gate that fits the net.
       options.extra_sigma_px = std::max(options.extra_sigma_px, 0.3 * radius);
       options.gate_sigma = 2.5;
+      options.max_iterations = kRoughIterations;
       options.freedom.k1 |= may_bend;
       options.freedom.focal_length |= may_bend;
     } else {

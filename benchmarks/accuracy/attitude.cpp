@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+// Attitude from rendered frames, lost in space: errors across and about the boresight, and whether the covariance tells
+// them. One JSON object a line. Options: [frames] [only cases whose name contains this].
+#include <fmt/format.h>
+
+#include "benchmarks/accuracy/rendered_sky.h"
+#include "foundation/math/statistics.h"
+
+namespace astronav::accuracy {
+namespace {
+
+struct Case {
+  std::string name;
+  double onboard_v_mag;
+  double exposure_s;
+  double cross_target, roll_target;        // arcsec, median
+  double cross_target_99, roll_target_99;  // 99 %
+};
+
+void run(const Case& c, int frames) {
+  RenderedSky world;
+  const vision::Observer observer = cruising();
+  const State state{observer.p_O_N, observer.v_O_N};
+  const Onboard onboard(world.catalogue, world.believed.intrinsics, c.onboard_v_mag, observer.epoch);
+  vision::Vision eyes({}, world.believed.intrinsics, vision::SensorModel::from(world.believed), onboard.field,
+                      onboard.index);
+  RandomStream random(StreamId{.seed = 5, .purpose = c.name});
+  int right = 0, wrong = 0, inside = 0;
+  // What all frames share: the halo beside the core moves every star alike, and so the boresight.
+  Vec3 shared = Vec3::Zero();
+  double nees = 0.0, axis2[3] = {}, stars = 0.0;
+  std::vector<double> cross, roll, lost_ms, tracked_ms, centroid_ms;
+  for (int k = 0; k < frames; ++k) {
+    const Mat3 R_CN = random_attitude(random);
+    world.shoot(observer.epoch, state, R_CN, c.exposure_s, random);
+    const vision::FrameResult& seen = eyes.process(world.frame, observer);
+    lost_ms.push_back(seen.time_ms.total);
+    centroid_ms.push_back(seen.time_ms.centroid);
+    if (seen.source == vision::AttitudeSource::none) continue;
+    const Vec3 theta = -rotation_log(R_CN * seen.attitude.R_CN.transpose());
+    const double d2 = theta.dot(seen.attitude.covariance_rad2.inverse() * theta);
+    if (theta.norm() > 60.0 * kArcsecond && d2 > 100.0) {
+      ++wrong;
+      continue;
+    }
+    ++right;
+    shared += theta / kArcsecond;
+    nees += d2;
+    inside += d2 < 11.34;  // 99 %, three degrees of freedom
+    for (int a = 0; a < 3; ++a) axis2[a] += theta(a) * theta(a) / seen.attitude.covariance_rad2(a, a);
+    stars += static_cast<double>(seen.stars.size());
+    cross.push_back(theta.head<2>().norm() / kArcsecond);
+    roll.push_back(std::abs(theta.z()) / kArcsecond);
+    const Mat3 prior =
+        rotation_exp(Vec3(random.normal(), random.normal(), random.normal()) * 200.0 * kArcsecond) * R_CN;
+    tracked_ms.push_back(eyes.process(world.frame, observer, prior).time_ms.total);
+  }
+  const double n = std::max(1, right);
+  const Band band = chi_square_mean_band(0.999, 3.0, n);
+  fmt::print(
+      "{{\"benchmark\": \"attitude\", \"case\": \"{}\", \"frames\": {}, \"right\": {}, \"wrong\": {}, \"stars_mean\": "
+      "{:.1f}, \"cross_arcsec_median\": {:.3f}, \"cross_target\": {}, \"cross_arcsec_99\": {:.3f}, "
+      "\"cross_target_99\": {}, \"roll_arcsec_median\": {:.2f}, \"roll_target\": {}, \"roll_arcsec_99\": {:.2f}, "
+      "\"roll_target_99\": {}, \"nees\": {:.3f}, \"nees_band_999\": [{:.3f}, {:.3f}], \"nees_within_99\": {:.4f}, "
+      "\"normalised_axes\": [{:.3f}, {:.3f}, {:.3f}], \"shared_arcsec\": [{:.3f}, {:.3f}, {:.3f}], \"ms_lost_median\": "
+      "{:.3f}, \"ms_tracked_median\": {:.3f}, "
+      "\"ms_centroid_median\": {:.3f}}}\n",
+      c.name, frames, right, wrong, stars / n, median(cross), c.cross_target, quantile(cross, 0.99), c.cross_target_99,
+      median(roll), c.roll_target, quantile(roll, 0.99), c.roll_target_99, nees / n, band.lo, band.hi, inside / n,
+      axis2[0] / n, axis2[1] / n, axis2[2] / n, shared.x() / n, shared.y() / n, shared.z() / n, median(lost_ms),
+      median(tracked_ms), median(centroid_ms));
+  std::fflush(stdout);
+}
+
+}  // namespace
+}  // namespace astronav::accuracy
+
+int main(int argc, char** argv) {
+  using namespace astronav::accuracy;
+  const int frames = argc > 1 ? std::atoi(argv[1]) : 2000;
+  const std::string only = argc > 2 ? argv[2] : "";
+  for (const Case& c :
+       {Case{"20deg, V 7", 7.0, 0.4, 0.4, 3.0, 0.6, 4.0}, Case{"20deg, V 8", 8.0, 0.4, 0.4, 3.0, 0.6, 4.0},
+        Case{"20deg, V 7, 40 ms", 7.0, 0.04, 1.0, 8.0, 2.0, 20.0},
+        Case{"20deg, V 7, 4 ms", 7.0, 0.004, 4.0, 30.0, 10.0, 100.0}}) {
+    if (c.name.find(only) != std::string::npos) run(c, frames);
+  }
+  return 0;
+}

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames of the simulator for figures of accuracy: the camera of the reference mission, whose truth has a halo beside
+// the core, coma and a width that depends on the field, of which the onboard software is not told; a sky deeper than
+// the onboard list, in which a fifth of the stars have a companion that no catalogue knows.
+#pragma once
+
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "benchmarks/accuracy/spot_sky.h"
+#include "foundation/files/mapped_file.h"
+#include "foundation/math/random.h"
+#include "foundation/math/rotation.h"
+#include "models/camera_file/camera_file.h"
+#include "models/ephemeris/ephemeris.h"
+#include "onboard/vision/vision.h"
+#include "simulator/render/renderer.h"
+#include "simulator/sky/sky.h"
+
+namespace astronav::accuracy {
+
+inline Camera true_lens(Camera believed) {
+  PointSpread& psf = believed.psf;
+  psf.sigma_px *= 1.01;
+  psf.sigma_growth_px = 0.02;
+  psf.halo_fraction = 0.015;
+  psf.halo_sigma_px = 2.5;
+  psf.halo_offset_u_px = 0.05;
+  psf.halo_offset_v_px = -0.04;
+  psf.coma_px = 0.1;
+  believed.intrinsics.fx_px *= 1.0 + 1e-5;
+  believed.intrinsics.fy_px *= 1.0 + 1e-5;
+  return believed;
+}
+
+class RenderedSky {
+ public:
+  explicit RenderedSky(const std::string& camera = "extrema-20deg")
+      : believed(read_camera(camera).value()),
+        truth(true_lens(believed)),
+        catalogue_file(MappedFile::open(home_directory() / "data/hipparcos.stars").value()),
+        catalogue(StarCatalogue::open(catalogue_file.bytes()).value()),
+        ephemeris_file(MappedFile::open(home_directory() / "data/de405_2000_2050.bsp").value()),
+        ephemeris(Ephemeris::open(ephemeris_file.bytes()).value()),
+        sky(ephemeris, catalogue),
+        band(truth),
+        renderer(truth, 1),
+        frame(truth.intrinsics.width_px, truth.intrinsics.height_px) {}
+
+  // Takes a picture; `frame` and `sources` are what it shows. `extra` sources are seen as well.
+  void shoot(Epoch epoch, const State& observer_O, const Mat3& R_CN, double exposure_s, RandomStream& random) {
+    sky::SkySettings settings;
+    settings.max_v_mag = max_v_mag;
+    std::vector<sky::SkySource> seen = sky.look(epoch, observer_O, R_CN.row(2).transpose(),
+                                                truth.intrinsics.half_diagonal_rad() + 0.5 * kDegree, band, settings)
+                                           .value();
+    add_companions(seen, random);
+    sources = render::place_sources(seen, truth, R_CN, exposure_s);
+    renderer.frame(sources, {.duration_s = exposure_s}, {.image = ++images, .purpose = "frame"}, frame);
+  }
+
+  Camera believed, truth;
+  MappedFile catalogue_file;
+  StarCatalogue catalogue;
+  MappedFile ephemeris_file;
+  Ephemeris ephemeris;
+  sky::Sky sky;
+  BandPhotometry band;
+  render::Renderer renderer;
+  ImageU16 frame;
+  std::vector<render::RenderedSource> sources;
+  double max_v_mag = 10.0;
+  std::uint64_t images = 0;
+
+ private:
+  // A fifth of the stars: 0.1 to 10 arcsec, up to 4 mag fainter.
+  static void add_companions(std::vector<sky::SkySource>& seen, RandomStream& random) {
+    const std::size_t n = seen.size();
+    for (std::size_t i = 0; i < n; ++i) {
+      if (seen[i].kind != sky::SourceKind::star || random.uniform() > 0.2) continue;
+      sky::SkySource companion = seen[i];
+      const double fainter = random.uniform(0.0, 4.0), apart = 0.1 * kArcsecond * std::pow(100.0, random.uniform());
+      const double angle = random.uniform(0.0, 2.0 * kPi);
+      const EastNorth axes = east_north(companion.direction_N);
+      companion.direction_N += (std::cos(angle) * axes.east + std::sin(angle) * axes.north) * apart;
+      companion.direction_N.normalize();
+      companion.id = 0;
+      companion.v_mag += fainter;
+      companion.flux.electrons_per_s *= std::pow(10.0, -0.4 * fainter);
+      seen.push_back(companion);
+    }
+  }
+};
+
+inline Mat3 random_attitude(RandomStream& random) {
+  return R_CN_from_pointing(
+      {random.uniform(0.0, 2.0 * kPi), std::asin(random.uniform(-1.0, 1.0)), random.uniform(0.0, 2.0 * kPi)});
+}
+
+}  // namespace astronav::accuracy
