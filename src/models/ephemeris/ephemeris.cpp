@@ -100,8 +100,10 @@ Result<BodyId> Ephemeris::resolve(BodyId id) const {
   const auto held = [&](BodyId b) {
     return find(b.value) != nullptr || std::binary_search(centers_.begin(), centers_.end(), b.value);
   };
-  if (held(id)) return id;
+  // A planet that is nothing but the centre of its moons' segments is where its barycentre is.
   const auto stand_in = barycenter_of(id);
+  if (find(id.value) == nullptr && stand_in && find(stand_in->value) != nullptr) return *stand_in;
+  if (held(id)) return id;
   if (stand_in && held(*stand_in)) return *stand_in;
   const auto other = other_number(id);
   if (other && held(*other)) return *other;
@@ -155,7 +157,13 @@ Result<Ephemeris::Chain> Ephemeris::chain(BodyId from, Epoch epoch) const {
     const Bodies* const bodies = find(body);
     Link& link = out.links[static_cast<std::size_t>(out.size++)];
     link.body = body;
-    if (bodies == nullptr) return out;
+    if (bodies == nullptr) {
+      const auto stand_in = barycenter_of(BodyId{body});
+      if (!stand_in || find(stand_in->value) == nullptr) return out;
+      --out.size;
+      body = stand_in->value;
+      continue;
+    }
     const auto segment = choose(*bodies, epoch);
     if (!segment) return out;  // perhaps nobody asks for what lies beyond
     link.segment = *segment;

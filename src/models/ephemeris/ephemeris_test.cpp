@@ -240,6 +240,22 @@ TEST(Ephemeris, AsteroidsAreFoundUnderEitherNumber) {
   EXPECT_FALSE(ephemeris.state(BodyId{2000002}, body::solar_system_barycenter, at(30.0)));
 }
 
+// A kernel of moons knows their planet as a centre alone, one of planets the barycentre alone.
+TEST(Ephemeris, BarycentresStandInForTheCentresOfMoons) {
+  const auto planets = KernelWriter().add(line(4, 0, 700.0, 0.0, 0.0)).add(line(10, 0, 1.0, 0.0, 0.0));
+  const auto moons = KernelWriter().add(line(401, 499, 9.0, 0.0, 0.0));
+  const std::vector<std::span<const std::byte>> both{planets.bytes(), moons.bytes()};
+  const auto ephemeris = Ephemeris::open(both).value();
+  const auto x_km = [&](std::int32_t target, std::int32_t center) {
+    return ephemeris.state(BodyId{target}, BodyId{center}, at(30.0)).value().p_m.x() / 1e3;
+  };
+  EXPECT_EQ(x_km(499, 0), 700.0);
+  EXPECT_EQ(x_km(401, 499), 9.0);
+  EXPECT_EQ(x_km(401, 10), 708.0);
+  // The moons' kernel alone still gives what it holds.
+  EXPECT_EQ(Ephemeris::open(moons.bytes())->state(BodyId{401}, body::mars, at(30.0)).value().p_m.x(), 9e3);
+}
+
 TEST(Ephemeris, CirclesOfCentresAreRefused) {
   const auto kernel = KernelWriter().add(line(1, 2, 1, 0, 0)).add(line(2, 1, 1, 0, 0)).add(line(10, 0, 0, 0, 0));
   const auto ephemeris = Ephemeris::open(kernel.bytes());

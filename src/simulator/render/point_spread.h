@@ -7,6 +7,7 @@
 
 #include "foundation/image/image.h"
 #include "models/camera/camera.h"
+#include "simulator/render/disc.h"
 #include "simulator/render/renderer.h"
 
 namespace astronav::render {
@@ -18,16 +19,25 @@ struct Window {
 
 // The picture that sources are painted on, with what the painting needs; made once and used again.
 struct Sheet {
-  ImageF light;                     // electrons
+  int width = 0, height = 0;
+  ImageF light;                     // electrons; of that size unless nothing is painted
   std::vector<Window> windows;      // where there is any; they may overlap
   std::vector<double> column_sums;  // of `light`, kept while painting
 
   // All dark, of that size.
-  void prepare(int width, int height);
-  // Says where there is light; a window that holds the last one, or lies in it, is not another.
+  void prepare(int wide, int high);
+  // Says where there is light; a window that holds the last one, or lies in it, is not another, and windows that add up
+  // to more than the picture become one.
   void touch(const Window& window);
 
   std::vector<float> columns, rows, strip;  // scratch
+
+  // Nothing is painted, but the pixels (or what takes as long) are counted.
+  bool counting = false;
+  double work = 0.0;
+
+ private:
+  std::size_t touched_ = 0;  // pixels of the windows
 };
 
 // Asks for the memory that a source at this place will need.
@@ -36,29 +46,22 @@ void prefetch(const Sheet& sheet, Pixel at);
 // Width of the core at a pixel.
 double core_sigma(const Camera& camera, Pixel at);
 
-// A disc lit from one side, sampled: intensities (sum 1) on a square grid of `cells` x `cells` over -1..1 (in radii),
-// by Lambert's law. `sunward` is a unit vector in the picture; the Sun is at the phase angle from the observer.
-struct LitDisc {
-  int cells = 0;
-  std::vector<float> intensity;     // row-major
-  Vec2 photocentre = Vec2::Zero();  // radii
-};
-LitDisc lambert_disc(int cells, double phase_angle_rad, const Vec2& sunward);
-
 class Painter {
  public:
   Painter(const Camera& camera, const Effects& effects);
   // Adds a source's light, as far as it brings 0.1 electrons a pixel, and at least 4 sigma of the core.
   void add(const RenderedSource& source, Sheet& sheet) const;
-  // Adds light to single pixels (a proton's track), outside of the point-spread function.
-  static void add_light(int u, int v, double electrons, Sheet& sheet);
 
  private:
-  void add_at(const RenderedSource& source, Pixel at, double electrons, Sheet& sheet) const;
-  void add_shape(const RenderedSource& source, const LitDisc* disc, Pixel at, double sigma_px, double reach,
-                 double electrons, Sheet& sheet) const;
-  void add_core(const RenderedSource& source, const LitDisc* disc, Pixel at, double electrons, Sheet& sheet) const;
-  void add_kernel(Pixel at, double electrons, Sheet& sheet) const;
+  // A source's disc for all of the places that it moves through. Empty: a point, or too large a disc for that.
+  LitDisc whole_disc(const RenderedSource& source, Sheet& sheet) const;
+  // What of a large disc is near the picture.
+  LitDisc large_disc(const RenderedSource& source, Pixel at, Sheet& sheet) const;
+  bool is_large(const RenderedSource& source) const;
+  double cell_px(Pixel at) const;  // of a disc that is not large
+  void add_at(const RenderedSource& source, const LitDisc* disc, Pixel at, double electrons, Sheet& sheet) const;
+  void add_core(const LitDisc* disc, Pixel at, double electrons, Sheet& sheet) const;
+  void add_kernel(const LitDisc* disc, Pixel at, double electrons, Sheet& sheet) const;
 
   const Camera* camera_;
   bool aberrations_;

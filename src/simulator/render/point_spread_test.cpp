@@ -147,9 +147,9 @@ TEST(Disc, ItsCentreOfLightIsThatOfALambertSphere) {
   for (const double degrees : {0.0, 10.0, 45.0, 60.0, 90.0, 120.0, 150.0}) {
     const double a = degrees * kDegree;
     const Vec2 sunward = Vec2(0.6, -0.8);
-    const LitDisc disc = lambert_disc(256, a, sunward);
-    EXPECT_NEAR(disc.photocentre.dot(sunward), sky::lambert_photocentre_shift(1.0, a), 1e-3) << degrees;
-    EXPECT_NEAR(disc.photocentre.x() * sunward.y() - disc.photocentre.y() * sunward.x(), 0.0, 1e-3) << degrees;
+    const Vec2 at = lit_disc({.radius_px = 1.0, .phase_angle_rad = a, .sunward = sunward}, 256).photocentre_px;
+    EXPECT_NEAR(at.dot(sunward), sky::lambert_photocentre_shift(1.0, a), 1e-3) << degrees;
+    EXPECT_NEAR(at.x() * sunward.y() - at.y() * sunward.x(), 0.0, 1e-3) << degrees;
   }
 }
 
@@ -174,6 +174,72 @@ TEST(Disc, IsDrawnSoThatItsCentreOfLightIsWhereItWouldBe) {
   const Moments m = drawn(camera, full);
   EXPECT_NEAR(m.second(0, 0), 20.0 + 0.64 + kPixelVariance, 0.05);
   EXPECT_NEAR(m.second(1, 1), 20.0 + 0.64 + kPixelVariance, 0.05);
+}
+
+// A part of a disc that is sampled once a pixel against the whole one.
+TEST(Disc, LargeOnesAreTheSameAsSmallOnes) {
+  const Globe globe{.radius_px = 170.3, .phase_angle_rad = 70.0 * kDegree, .sunward = Vec2(0.6, 0.8)};
+  const LitDisc part = lit_disc_part(globe, {-300.0, 300.0, -300.0, 300.0});
+  double sum = 0.0;
+  Vec2 moment = Vec2::Zero();
+  for (int j = 0; j < part.rows; ++j) {
+    for (int i = 0; i < part.columns; ++i) {
+      const auto light =
+          static_cast<double>(part.light[static_cast<std::size_t>(j) * static_cast<std::size_t>(part.columns) +
+                                         static_cast<std::size_t>(i)]);
+      sum += light;
+      moment += light * Vec2(part.u_px(i), part.v_px(j));
+    }
+  }
+  EXPECT_NEAR(sum, 1.0, 1e-4);
+  EXPECT_LT((moment - part.photocentre_px).norm(), 0.02);
+  EXPECT_LT((lit_disc(globe, 1024).photocentre_px - part.photocentre_px).norm(), 0.02);
+}
+
+TEST(Disc, LargerThanThePictureItIsSmooth) {
+  const Camera camera = quiet_camera(128);
+  RenderedSource moon = star_at(63.5, 63.5, 1e10);
+  moon.radius_px = 3000.0;
+  moon.sunward_px = Vec2(1.0, 0.0);
+  ImageF light;
+  Renderer(camera, 1).electrons({&moon, 1}, {.duration_s = 0.1}, light);
+  // In the middle of a full disc: 3 / (2 pi R^2) of the light a pixel.
+  const double expected = 1e10 * 3.0 / (2.0 * kPi * 9e6);
+  for (const float pixel : light.pixels()) ASSERT_NEAR(static_cast<double>(pixel) / expected, 1.0, 1e-3);
+}
+
+TEST(Disc, ThroughAMeasuredKernel) {
+  Camera camera = quiet_camera(512);
+  camera.psf.kernel = {
+      .file = "", .width = 3, .height = 3, .samples_per_px = 1.0, .values = std::vector<float>(9, 1.0f / 9.0f)};
+  for (const double radius : {0.4, 12.0, 150.0}) {
+    RenderedSource venus = star_at(250.37, 255.81, 1e8);
+    venus.radius_px = radius;
+    venus.sunward_px = Vec2(-0.28, 0.96);
+    venus.source.phase_angle_rad = 80.0 * kDegree;
+    const Moments m = drawn(camera, venus);
+    EXPECT_NEAR(m.sum / 1e8, 1.0, 1e-3) << radius;
+    EXPECT_LT((m.centre - venus.pixel.vec()).norm(), 1e-3 + 1e-4 * radius) << radius;
+  }
+  RenderedSource full = star_at(255.5, 255.5, 1e8);
+  full.radius_px = 10.0;
+  full.sunward_px = Vec2(1.0, 0.0);
+  // Of the disc, of a kernel three pixels wide, and of the pixel that looks.
+  EXPECT_NEAR(drawn(camera, full).second(0, 0), 20.0 + 9.0 / 12.0 + kPixelVariance, 0.05);
+}
+
+TEST(PaintingWork, FollowsWhatIsPainted) {
+  const Camera camera = quiet_camera(512);
+  const RenderedSource star = star_at(255.5, 255.5, 1e4);
+  const double one = painting_work({&star, 1}, camera, {});
+  EXPECT_GT(one, 49.0);
+  EXPECT_LT(one, 400.0);
+  RenderedSource smeared = star;
+  smeared.smear_px = Vec2(100.0, 0.0);
+  EXPECT_GT(painting_work({&smeared, 1}, camera, {}), 200.0 * one);
+  RenderedSource disc = star;
+  disc.radius_px = 100.0;
+  EXPECT_GT(painting_work({&disc, 1}, camera, {}), 1e4);
 }
 
 TEST(Disc, SizeAndSunComeFromTheSky) {

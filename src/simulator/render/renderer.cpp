@@ -115,17 +115,22 @@ struct Smear {
   std::vector<std::uint16_t> raised;  // by how many of its levels; empty where no column is
 };
 
-// Pixels under sources: those that tables can draw, and those too bright for them.
+// Pixels under sources: those that tables can draw, and those drawn singly, too bright for tables or hit by protons.
 struct Gathered {
   std::size_t count = 0;  // of what follows; there may be room for more
   std::vector<std::uint32_t> index;
   std::vector<float> mean_e;
   std::vector<std::uint16_t> dn;
-  std::vector<std::pair<std::uint32_t, double>> bright;
+  struct Single {
+    std::uint32_t index = 0;
+    double mean_e = 0.0;
+    double deposit_e = 0.0;  // by protons: charge, not light
+  };
+  std::vector<Single> singles;
 
   void prepare(std::size_t most) {
     count = 0;
-    bright.clear();
+    singles.clear();
     if (index.size() >= most) return;
     index.resize(most);
     mean_e.resize(most);
@@ -164,8 +169,10 @@ struct Renderer::Background {
   void draw(const Smear& smear, const StreamId& noise, RandomStream& single, std::span<std::uint16_t> dn) const;
   void gather(const Smear& smear, Sheet& sheet, Gathered& gathered) const;
   void draw_gathered(const StreamId& noise, Gathered& gathered, std::span<std::uint16_t> dn) const;
-  void draw_bright(const Smear& smear, const Gathered& gathered, bool blooming, RandomStream& single,
-                   ImageU16& out) const;
+  void gather_hits(std::vector<ProtonPixel> hits, const Smear& smear, const Sheet& sheet,
+                   std::vector<Gathered::Single>& out) const;
+  void draw_singles(const Smear& smear, const Gathered& gathered, bool blooming, RandomStream& single,
+                    ImageU16& out) const;
 };
 
 struct Renderer::Cache {
@@ -310,7 +317,7 @@ void Renderer::Background::smear_columns(double transfer, Sheet& sheet, Smear& s
       continue;
     }
     for (int v = 0; v < sheet.light.height(); ++v) sheet.light(u, v) += static_cast<float>(electrons);
-    sheet.windows.push_back({u, u + 1, 0, sheet.light.height()});
+    sheet.touch({u, u + 1, 0, sheet.height});
   }
 }
 
@@ -360,7 +367,7 @@ void Renderer::Background::gather(const Smear& smear, Sheet& sheet, Gathered& ga
         const bool shines = light > 0.0f;
         count += static_cast<std::size_t>(shines && mean <= tabulated_up_to);
         if (shines && mean > tabulated_up_to) {
-          gathered.bright.emplace_back(first + static_cast<std::uint32_t>(u), static_cast<double>(mean));
+          gathered.singles.push_back({first + static_cast<std::uint32_t>(u), static_cast<double>(mean), 0.0});
         }
       }
     }
@@ -375,35 +382,56 @@ void Renderer::Background::draw_gathered(const StreamId& noise, Gathered& gather
   for (std::size_t i = 0; i < gathered.count; ++i) dn[gathered.index[i]] = gathered.dn[i];
 }
 
-void Renderer::Background::draw_bright(const Smear& smear, const Gathered& gathered, bool blooming,
-                                       RandomStream& single, ImageU16& out) const {
+// What each pixel that protons hit would hold without them, and what they leave.
+void Renderer::Background::gather_hits(std::vector<ProtonPixel> hits, const Smear& smear, const Sheet& sheet,
+                                       std::vector<Gathered::Single>& out) const {
+  const auto index = [&](const ProtonPixel& hit) {
+    return static_cast<std::uint32_t>(hit.v) * static_cast<std::uint32_t>(sheet.width) +
+           static_cast<std::uint32_t>(hit.u);
+  };
+  std::sort(hits.begin(), hits.end(), [&](const auto& a, const auto& b) { return index(a) < index(b); });
+  for (const ProtonPixel& hit : hits) {
+    const std::uint32_t i = index(hit);
+    if (out.empty() || out.back().index != i) {
+      const float light = sheet.light(hit.u, hit.v) * pixels.pixels()[i].response;
+      out.push_back({i, mean_e(i, smear) + static_cast<double>(light), 0.0});
+    }
+    out.back().deposit_e += hit.electrons;
+  }
+}
+
+void Renderer::Background::draw_singles(const Smear& smear, const Gathered& gathered, bool blooming,
+                                        RandomStream& single, ImageU16& out) const {
   const int width = out.width();
   const double nearly_full = chain.full_well_e - kNearlyFull * std::sqrt(chain.full_well_e);
   std::map<int, Column> overflowing;
-  for (const auto& [index, mean] : gathered.bright) {
-    const int u = static_cast<int>(index) % width;
-    const int v = static_cast<int>(index) / width;
-    if (blooming && mean > nearly_full) {
-      overflowing.try_emplace(u, out.height(), chain.full_well_e).first->second.set(v, chain.collect(mean, single));
+  for (const Gathered::Single& one : gathered.singles) {
+    const int u = static_cast<int>(one.index) % width;
+    const int v = static_cast<int>(one.index) / width;
+    const double collected = chain.collect(one.mean_e, single) + one.deposit_e;
+    if (blooming && one.mean_e + one.deposit_e > nearly_full) {
+      overflowing.try_emplace(u, out.height(), chain.full_well_e).first->second.set(v, collected);
     } else {
-      out(u, v) = chain.draw(mean, single);
+      out(u, v) = chain.read(collected, single);
     }
   }
   if (overflowing.empty()) return;
-  // What the charge may run into.
-  std::unordered_map<std::uint32_t, double> lit(gathered.bright.begin(), gathered.bright.end());
+  // What the charge may run into; of a pixel that was gathered and hit, the hit knows all.
+  std::unordered_map<std::uint32_t, Gathered::Single> lit;
   for (std::size_t i = 0; i < gathered.count; ++i) {
     if (overflowing.contains(static_cast<int>(gathered.index[i]) % width)) {
-      lit.emplace(gathered.index[i], static_cast<double>(gathered.mean_e[i]));
+      lit[gathered.index[i]] = {gathered.index[i], static_cast<double>(gathered.mean_e[i]), 0.0};
     }
   }
+  for (const Gathered::Single& one : gathered.singles) lit[one.index] = one;
   for (auto& [column_u, column] : overflowing) {
     const int u = column_u;
     column.overflow([&](int v) {
       const auto index =
           static_cast<std::uint32_t>(v) * static_cast<std::uint32_t>(width) + static_cast<std::uint32_t>(u);
       const auto found = lit.find(index);
-      return chain.collect(found != lit.end() ? found->second : mean_e(index, smear), single);
+      return found != lit.end() ? chain.collect(found->second.mean_e, single) + found->second.deposit_e
+                                : chain.collect(mean_e(index, smear), single);
     });
     for (int v = 0; v < out.height(); ++v) {
       if (column.known(v)) out(u, v) = chain.read(column.charge(v), single);
@@ -429,20 +457,20 @@ void Renderer::frame(std::span<const RenderedSource> sources, const Exposure& ex
     painter.add(sources[i], sheet);
   }
   ground->smear_columns(transfer_share(camera_, exposure, effects), sheet, smear);
+  std::vector<Gathered::Single> hits;
   if (effects.cosmic_rays && camera_.detector.cosmic_rays_cm2_s > 0.0) {
     RandomStream protons = stream_of(noise, "protons");
-    for (const ProtonPixel& hit : proton_hits(camera_, exposure.duration_s, protons)) {
-      Painter::add_light(hit.u, hit.v, hit.electrons, sheet);
-    }
+    ground->gather_hits(proton_hits(camera_, exposure.duration_s, protons), smear, sheet, hits);
   }
 
   RandomStream single = stream_of(noise, "single pixels");
   // The light is taken from the sheet while it is still near in memory.
   ground->gather(smear, sheet, gathered);
+  gathered.singles.insert(gathered.singles.end(), hits.begin(), hits.end());
   ground->draw(smear, noise, single, out.pixels());
   ground->draw_gathered(noise, gathered, out.pixels());
   const bool blooming = effects.blooming && effects.full_well && camera_.detector.blooming;
-  ground->draw_bright(smear, gathered, blooming, single, out);
+  ground->draw_singles(smear, gathered, blooming, single, out);
 }
 
 double time_tag_error_s(const Detector& detector, const StreamId& frame) {

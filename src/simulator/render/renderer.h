@@ -74,6 +74,10 @@ std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, c
 std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, const Camera& camera, const Mat3& R_CN,
                                           double exposure_s, double margin_px = 20.0);
 
+// What painting these sources takes, in pixels added to (a few nanoseconds each): for refusing what would take too
+// long.
+double painting_work(std::span<const RenderedSource> sources, const Camera& camera, const Effects& effects);
+
 // How late the time tag of a frame is, in seconds: the latency, and the jitter of this frame.
 double time_tag_error_s(const Detector& detector, const StreamId& frame);
 
@@ -83,8 +87,8 @@ double time_tag_error_s(const Detector& detector, const StreamId& frame);
 // All pixels are drawn from tables of exactly that law: where no source shines, expected values are rounded to steps of
 // 0.004 of the pixel's noise (a bias of at most 0.002 sigma, and fixed); under a source the expected value is kept and
 // the variance is too large by at most 1e-4. Probabilities are right to 2^-22 of a table's slot. What is too bright for
-// the tables is drawn by itself. Frames may be made by several threads with one Renderer; the same name gives the same
-// frame, whatever was made before and beside it.
+// the tables, or holds a proton's charge, is drawn by itself. Frames may be made by several threads with one Renderer;
+// the same name gives the same frame, whatever was made before and beside it.
 class Renderer {
  public:
   // The fixed-pattern maps (PRNU, DSNU) belong to one detector: they depend on `detector_seed` alone.

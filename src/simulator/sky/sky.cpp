@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <span>
 #include <utility>
@@ -17,6 +18,8 @@ namespace {
 constexpr std::array kPlanets{body::mercury, body::venus,  body::earth,  body::moon,    body::mars,
                               body::jupiter, body::saturn, body::uranus, body::neptune, body::pluto};
 constexpr double kSunlikeColour = 0.65;
+constexpr double kSunV = -26.76;  // at 1 au; Willmer 2018
+constexpr double kSunBV = 0.653;  // Ramirez et al. 2012
 constexpr double kMostRefraction = 0.25 * kDegree;
 constexpr double kFastestStar = 11.0 * kArcsecond;  // a year; Barnard's star moves 10.4
 
@@ -92,6 +95,10 @@ struct Look {
     return settings.refraction ? settings.refraction->refract(direction) : direction;
   }
   bool inside(const Vec3& direction) const { return direction.dot(axis_N) >= cos_radius; }
+  // Of something that reaches out from its direction.
+  bool inside(const Vec3& direction, double reach_rad) const {
+    return direction.dot(axis_N) >= std::cos(std::min(radius_rad + reach_rad, kPi));
+  }
 };
 
 // A body of the solar system, and how its brightness follows from its illumination.
@@ -114,6 +121,26 @@ Body small_body(const SmallBody& b) {
   return {SourceKind::small_body, b.id, b.mean_radius_m, b.b_v, &b.law};
 }
 
+// A body as something opaque: its apparent centre and radius, refraction aside.
+struct Globe {
+  Vec3 centre;
+  double radius_rad;
+  double distance_m;
+};
+
+struct Seen {
+  SkySource source;
+  Vec3 direction;  // apparent, refraction aside
+  double distance_m;
+};
+
+bool hidden(std::span<const Globe> globes, const Vec3& direction, double distance_m) {
+  return std::any_of(globes.begin(), globes.end(), [&](const Globe& globe) {
+    const double chord = 2.0 * std::sin(0.5 * globe.radius_rad);
+    return globe.distance_m < distance_m && (direction - globe.centre).squaredNorm() < chord * chord;
+  });
+}
+
 // Whether light time, aberration and the photocentre together could bring a body into the cone that stands at p_m and
 // moves at v_m_s, both from the observer. A tenth of the time of asking exactly.
 bool may_be_inside(const Look& look, const Body& body, const State& there_O) {
@@ -126,8 +153,8 @@ bool may_be_inside(const Look& look, const Body& body, const State& there_O) {
   return p_m.dot(look.axis_N) >= distance * std::cos(std::min(look.radius_rad + 2.0 * margin, kPi));
 }
 
-Result<std::optional<SkySource>> see(const Look& look, const Body& body) {
-  const std::optional<SkySource> nothing;
+Result<std::optional<Seen>> see(const Look& look, const Body& body, std::vector<Globe>& globes) {
+  const std::optional<Seen> nothing;
   const Result<BodyId> held = look.ephemeris.resolve(body.id);
   if (!held) return nothing;
   const Result<State> now = look.ephemeris.state(*held, body::solar_system_barycenter, look.epoch);
@@ -138,6 +165,13 @@ Result<std::optional<SkySource>> see(const Look& look, const Body& body) {
   if (!seen) return forward(seen);
   const Vec3 p_from_observer = seen->relative.p_m;
   const double distance = p_from_observer.norm();
+  const double radius_rad = std::asin(std::min(1.0, body.radius_m / distance));
+  // An observer deep inside of a body is at its centre by name ("earth"), and looks through it.
+  if (body.radius_m > 0.0 && distance > 0.99 * body.radius_m) {
+    const Vec3 centre = p_from_observer / distance;
+    globes.push_back(
+        {look.settings.aberration ? aberrate(centre, look.observer_O.v_m_s) : centre, radius_rad, distance});
+  }
   if (!(distance > 2.0 * body.radius_m)) return nothing;
 
   const Epoch departure = look.settings.light_time ? look.epoch - Duration::seconds(seen->light_time_s) : look.epoch;
@@ -157,7 +191,7 @@ Result<std::optional<SkySource>> see(const Look& look, const Body& body) {
   Mat3 by_direction = Mat3::Identity();
   const Vec3 direction = look.settings.aberration ? aberrate(rest, look.observer_O.v_m_s, &by_direction) : rest;
   const Vec3 seen_N = look.refracted(direction);
-  if (!look.inside(seen_N)) return nothing;
+  if (!look.inside(seen_N, radius_rad + shift_m / distance)) return nothing;
   double v_mag = 0.0;
   if (body.law != nullptr) {
     v_mag = small_body_v_magnitude(*body.law, light);
@@ -177,10 +211,35 @@ Result<std::optional<SkySource>> see(const Look& look, const Body& body) {
   source.flux = look.band.flux(v_mag, body.b_v);
   // Aberration turns the direction to the Sun with the body, and stretches the disc.
   const Vec3 sunward = by_direction * (across - rest * rest.dot(across)).normalized();
-  if (look.settings.centre_of_light) source.angular_radius_rad = std::asin(body.radius_m / distance) * sunward.norm();
+  if (look.settings.centre_of_light) source.angular_radius_rad = radius_rad * sunward.norm();
   source.phase_angle_rad = phase;
   source.sunward_N = (sunward - seen_N * seen_N.dot(sunward)).normalized();
-  return std::optional(source);
+  return std::optional(Seen{source, direction, distance});
+}
+
+std::optional<Seen> see_sun(const Look& look, std::vector<Globe>& globes) {
+  const auto seen =
+      light_time(look.ephemeris, body::sun, look.observer_O, look.epoch, look.settings.light_time ? -1 : 0);
+  const auto constants = body_constants(body::sun);
+  if (!seen || !constants) return {};
+  const double distance = seen->relative.p_m.norm();
+  if (!(distance > constants->mean_radius_m)) return {};
+  const double radius_rad = std::asin(constants->mean_radius_m / distance);
+  const Vec3 rest = seen->relative.p_m / distance;
+  const Vec3 direction = look.settings.aberration ? aberrate(rest, look.observer_O.v_m_s) : rest;
+  const Vec3 seen_N = look.refracted(direction);
+  if (!look.inside(seen_N, radius_rad)) return {};
+  globes.push_back({direction, radius_rad, distance});
+  SkySource source;
+  source.kind = SourceKind::sun;
+  source.id = body::sun.value;
+  source.direction_N = seen_N;
+  source.v_mag = kSunV + 5.0 * std::log10(distance / kAstronomicalUnit);
+  source.b_v = kSunBV;
+  source.flux = look.band.flux(source.v_mag, source.b_v);
+  if (look.settings.centre_of_light) source.angular_radius_rad = radius_rad;
+  source.sunward_N = seen_N.unitOrthogonal();
+  return Seen{source, direction, distance};
 }
 
 }  // namespace
@@ -209,19 +268,21 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
   const Look look{
       *ephemeris_, epoch,   observer_O, axis_N.normalized(), radius_rad, std::cos(std::min(radius_rad, kPi)),
       band,        settings};
-  std::vector<SkySource> bodies;
+  std::vector<Seen> all;
+  std::vector<Globe> globes;
+  if (const auto sun = see_sun(look, globes)) all.push_back(*sun);
   for (const BodyId id : kPlanets) {
     const Result<Body> body = planet(id);
     if (!body) return forward(body);
-    const auto seen = see(look, *body);
+    const auto seen = see(look, *body, globes);
     if (!seen) return forward(seen);
-    if (*seen) bodies.push_back(**seen);
+    if (*seen) all.push_back(**seen);
   }
   const auto add_small = [&](const SmallBody& small) -> Result<void> {
-    const auto seen = see(look, small_body(small));
+    const auto seen = see(look, small_body(small), globes);
     if (!seen && seen.error().code != ErrorCode::out_of_range && seen.error().code != ErrorCode::not_found)
       return forward(seen);
-    if (seen && *seen) bodies.push_back(**seen);
+    if (seen && *seen) all.push_back(**seen);
     return {};
   };
   for (const SmallBody& small : settings.bodies) {
@@ -235,6 +296,10 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
     if (const auto added = add_small(small); !added) return forward(added);
   }
 
+  std::vector<SkySource> bodies;
+  for (const Seen& seen : all) {
+    if (!hidden(globes, seen.direction, seen.distance_m)) bodies.push_back(seen.source);
+  }
   std::sort(bodies.begin(), bodies.end(), brighter);
 
   // The catalogue knows places at J2000 from the barycentre at rest: the cone is turned back by aberration and widened
@@ -269,12 +334,14 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
     for (std::size_t k = 0; k < lanes.size(); ++k) {
       const auto lane = static_cast<Eigen::Index>(k);
       Vec3 direction(seen[0][lane], seen[1][lane], seen[2][lane]);
+      const bool behind = hidden(globes, direction, std::numeric_limits<double>::infinity());
       if (settings.refraction) {
         direction = look.refracted(direction);
         if (!look.inside(direction)) continue;
       } else if (along_axis[lane] < look.cos_radius) {
         continue;
       }
+      if (behind) continue;
       const Star& star = stars[lanes[k]];
       const auto v_mag = static_cast<double>(star.v_mag);
       while (next_body != bodies.end() && next_body->v_mag < v_mag) sources.push_back(*next_body++);

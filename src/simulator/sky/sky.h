@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sky: what an observer sees inside a cone: apparent directions (light time, exact aberration, proper motion, parallax,
-// refraction where there is air) and band fluxes. Bodies come with what is needed to draw their lit discs; moons of
-// other planets and the Sun are not here.
+// refraction where there is air) and band fluxes. Bodies come with what is needed to draw their lit discs, and hide
+// what is behind them; moons of other planets are not here.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@
 
 namespace astronav::sky {
 
-enum class SourceKind : unsigned char { star, planet, small_body };
+enum class SourceKind : unsigned char { star, planet, small_body, sun };
 
 struct SkySource {
   SourceKind kind = SourceKind::star;
@@ -42,7 +42,7 @@ struct SkySettings {
   // Bodies at their centre of light, with their discs; false: points at the centre of figure (the paper's way).
   bool centre_of_light = true;
   double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
-  // Of an observer on the ground, whose zenith it knows; what is below the horizon is not hidden.
+  // Of an observer on the ground, whose zenith it knows.
   std::optional<Refraction> refraction{};
   // Small bodies beside the known ones (known_small_bodies()) or, with the number of one, in its place. Those that no
   // kernel holds are not seen.
@@ -59,8 +59,9 @@ class Sky {
   Sky(const Ephemeris& ephemeris, const StarCatalogue& catalogue);
 
   // All sources within `radius_rad` of the apparent direction `axis_N`, brightest first: stars not fainter than
-  // max_v_mag; Mercury to Pluto, Earth, Moon and small bodies as far as the kernels hold them, without those in or
-  // right above which (two radii) the observer is. `observer_O` is the barycentric state. out_of_range beyond the
+  // max_v_mag; the Sun, Mercury to Pluto, Earth, Moon and small bodies as far as the kernels hold them, those too whose
+  // disc alone reaches in. A body right below the observer (two radii) hides, and is not drawn; one that the
+  // observer is in the middle of does neither. `observer_O` is the barycentric state. out_of_range beyond the
   // ephemeris; a small body is just not there beyond its kernel.
   Result<std::vector<SkySource>> look(Epoch epoch, const State& observer_O, const Vec3& axis_N, double radius_rad,
                                       const BandPhotometry& band, const SkySettings& settings) const;

@@ -209,7 +209,7 @@ TEST_F(SkyTest, EveryBodyIsFoundInANarrowConeAroundItself) {
     State observer = earth();
     observer.v_m_s *= faster;
     const auto sources = all_sky(observer, {.max_v_mag = -5.0});
-    EXPECT_EQ(sources.size(), 9u);  // eight planets and the Moon, without the Earth, with Pluto
+    EXPECT_EQ(sources.size(), 10u);  // the Sun, eight planets and the Moon, without the Earth, with Pluto
     for (const SkySource& source : sources) {
       const auto narrow =
           *sky_.look(epoch_, observer, source.direction_N, 0.01 * kArcsecond, band_, {.max_v_mag = -5.0});
@@ -249,6 +249,59 @@ TEST_F(SkyTest, SmallBodiesAreSeenWhereAKernelHoldsThem) {
   EXPECT_NEAR(find(told, SourceKind::small_body, 20000001)->v_mag, v_mag - 3.0, 1e-9);
   // Beyond its kernel a small body is just not there.
   EXPECT_EQ(find(look(*Epoch::parse("2040-01-01 TDB")), SourceKind::small_body, 2000004), nullptr);
+}
+
+TEST_F(SkyTest, TheSunShinesWithItsMagnitudeAndSize) {
+  State observer = earth();
+  const Vec3 sun = light_time(ephemeris_, body::sun, observer, epoch_)->relative.p_m;
+  EXPECT_LT((sky_.sun_N_m(epoch_, observer) - sun).norm(), 1e-3);
+  const auto sources = *sky_.look(epoch_, observer, aberrate(sun.normalized(), observer.v_m_s), 0.3 * kDegree, band_,
+                                  {.max_v_mag = 0.0});
+  const SkySource* seen = find(sources, SourceKind::sun, body::sun.value);
+  ASSERT_NE(seen, nullptr);
+  EXPECT_NEAR(seen->v_mag, -26.76, 0.04);  // 0.983 to 1.017 au
+  EXPECT_NEAR(seen->angular_radius_rad / kArcsecond, 959.6 * kAstronomicalUnit / sun.norm(), 1.0);
+  EXPECT_LT(angle_between(seen->direction_N, aberrate(sun.normalized(), observer.v_m_s)), 1e-9);
+}
+
+TEST_F(SkyTest, BodiesHideWhatIsBehindThem) {
+  // 4000 km from the Moon's centre on the far side of the Earth: half of the sky is behind it but for a ring.
+  State observer = earth();
+  const Vec3 moon = ephemeris_.state(body::moon, body::earth, epoch_)->p_m;
+  observer.p_m += moon * (1.0 + 4000e3 / moon.norm());
+  const Vec3 down = -moon.normalized();
+  SkySettings geometric{.max_v_mag = 5.0, .aberration = false, .light_time = false};
+  const double radius = std::asin(1737.4 / 4000.0);
+  const auto sources = all_sky(observer, geometric);
+  std::size_t hidden = 0, shown = 0;
+  for (const SkySource& s : all_sky(earth(), geometric)) {  // parallax at the Moon is nothing for a star
+    if (s.kind != SourceKind::star) continue;
+    const bool behind = angle_between(s.direction_N, down) < radius;
+    EXPECT_EQ(find(sources, s.kind, s.id) == nullptr, behind) << s.id;
+    ++(behind ? hidden : shown);
+  }
+  EXPECT_GT(hidden, 20u);
+  EXPECT_GT(shown, 1000u);
+  // The Earth is behind the Moon too; the Moon is drawn although its centre lies far outside of a narrow cone.
+  EXPECT_EQ(find(sources, SourceKind::planet, body::earth.value), nullptr);
+  const Vec3 limb = std::cos(radius) * down + std::sin(radius) * down.unitOrthogonal();
+  EXPECT_NE(
+      find(*sky_.look(epoch_, observer, limb, 1.0 * kDegree, band_, geometric), SourceKind::planet, body::moon.value),
+      nullptr);
+}
+
+TEST_F(SkyTest, AnObserverOnTheGroundSeesHalfTheSky) {
+  const GroundSite site{.latitude_rad = 0.9, .longitude_rad = 0.2, .height_m = 100.0};
+  State observer = earth();
+  const State place = ground_state(site, epoch_);
+  observer.p_m += place.p_m;
+  observer.v_m_s += place.v_m_s;
+  const Vec3 zenith = ground_zenith(site, epoch_);
+  for (const SkySource& s : all_sky(observer, {.max_v_mag = 5.0})) {
+    EXPECT_LT(angle_between(s.direction_N, zenith), 94.0 * kDegree)
+        << s.id;  // the globe's mean radius, its own vertical
+  }
+  EXPECT_GT(all_sky(earth(), {.max_v_mag = 5.0}).size(), 1.9 * all_sky(observer, {.max_v_mag = 5.0}).size());
 }
 
 TEST_F(SkyTest, TheAirLiftsWhatIsSeen) {
