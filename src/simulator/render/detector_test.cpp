@@ -2,7 +2,9 @@
 // What lens and detector do to light, each by its law. Stochastic limits are five sigma (one in two million) under a
 // fixed seed unless said.
 #include <cmath>
+#include <map>
 #include <thread>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -148,6 +150,31 @@ TEST(Protons, LeaveTheChargeOfTheirTracks) {
   Effects sheltered;
   sheltered.cosmic_rays = false;
   EXPECT_TRUE(bright(sheltered, 1).empty());
+}
+
+// Charge is no light: the sensitivity of the pixel does not count, and Poisson has nothing to draw.
+TEST(Protons, LeaveChargeAndNoLight) {
+  Camera camera = quiet_camera(256);
+  camera.detector.photo_nonuniformity = 0.3;
+  camera.detector.read_noise_e = 0.0;
+  camera.detector.dark_current_e_s = camera.detector.background_e_s_px = 0.0;
+  camera.detector.cosmic_rays_cm2_s = 2000.0;
+  camera.detector.cosmic_ray_e_um = 80.0;
+  camera.detector.depth_um = 15.0;
+  ImageU16 frame;
+  Renderer(camera, 1).frame({}, {.duration_s = 1.0}, frame_name(1, 1), frame);
+  RandomStream random(
+      {.seed = frame_name(1, 1).seed, .sample = frame_name(1, 1).sample, .image = 1, .purpose = "protons"});
+  std::map<std::pair<int, int>, double> charge;
+  for (const ProtonPixel& hit : proton_hits(camera, 1.0, random)) charge[{hit.u, hit.v}] += hit.electrons;
+  ASSERT_GT(charge.size(), 100u);
+  for (int v = 0; v < 256; ++v) {
+    for (int u = 0; u < 256; ++u) {
+      const auto hit = charge.find({u, v});
+      const double electrons = std::min(hit == charge.end() ? 0.0 : hit->second, camera.detector.full_well_e);
+      ASSERT_NEAR(frame(u, v), camera.detector.bias_dn + electrons / camera.detector.gain_e_dn, 0.5 + 1e-6);
+    }
+  }
 }
 
 TEST(FullWell, BloomingKeepsAllCharge) {
