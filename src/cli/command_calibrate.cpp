@@ -65,13 +65,6 @@ Result<opensky::Near> parse_near(const std::string& text) {
   return opensky::Near{direction_from_radec((*near)[0] * kDegree, (*near)[1] * kDegree), (*near)[2] * kDegree};
 }
 
-// Straight up, away from the ellipsoid.
-Vec3 zenith(GroundSite site, Epoch epoch) {
-  const Vec3 below = ground_state(site, epoch).p_m;
-  site.height_m += 1e3;
-  return (ground_state(site, epoch).p_m - below).normalized();
-}
-
 Result<void> read_camera_and_field(const Options& options, Inputs& in) {
   if (!options.camera.empty()) {
     const auto base = read_camera(options.camera);
@@ -115,13 +108,15 @@ Result<void> read_epochs_and_observer(const Options& options, Inputs& in) {
   in.request.ephemeris = &in.kernels->ephemeris;
   const auto observer = parse_observer(options.observer, in.kernels);
   if (!observer) return forward(observer, "--observer");
-  const auto site = parse_ground_site(options.observer);
-  if (!site) return forward(site, "--observer");
   for (opensky::CalibrationFrame& frame : in.frames) {
     const auto state = (*observer)(*frame.epoch);
     if (!state) return forward(state, "--observer");
     frame.observer = *state;
-    if (*site) frame.zenith_N = zenith(**site, *frame.epoch);
+    const auto air = parse_air(options.observer, *frame.epoch);
+    if (!air) return forward(air);
+    if (!*air) continue;
+    frame.zenith_N = (*air)->zenith_N;
+    frame.refraction = (*air)->refraction;
   }
   return {};
 }
@@ -245,6 +240,7 @@ Json to_json(const opensky::Calibration& c, const Options& options) {
       frame["q_NC"] = {{"w", q.w}, {"x", q.x}, {"y", q.y}, {"z", q.z}};
       frame["attitude_sigma_arcsec"] = {{"x", sigma.x()}, {"y", sigma.y()}, {"z", sigma.z()}};
       frame["aberration_corrected"] = f.aberration_corrected;
+      frame["refraction_corrected"] = f.refraction_corrected;
       frame["stars_detected"] = f.spots;
       frame["stars_matched"] = f.stars.size();
       frame["residual_rms_px"] = f.rms_px;
@@ -353,9 +349,9 @@ void add_calibrate(CLI::App& app, Invocation& invocation) {
   camera->add_option("--epoch", options->epochs, "middle of the exposure: one for all images, or one each")
       ->allow_extra_args(false);
   camera->add_option("--observer", options->observer,
-                     "as for `solve`: for aberration and planets; ground: also tells the zenith");
+                     "as for `solve`: for aberration and planets; ground: also for refraction and zenith");
   camera->add_option("--raw", options->raw, "WIDTHxHEIGHT,u16le,OFFSET");
-  camera->add_option("--kernel", options->kernels, "SPK files in place of DE405");
+  camera->add_option("--kernel", options->kernels, "SPK files in place of DE405")->allow_extra_args(false);
   camera->add_option("--catalog", options->catalogue, "star catalogue in place of Hipparcos");
   camera->add_flag("--json", options->json, "one JSON object");
   camera->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });

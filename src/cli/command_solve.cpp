@@ -18,6 +18,7 @@
 #include "foundation/raster/raster.h"
 #include "models/camera_file/camera_file.h"
 #include "verification/opensky/solver.h"
+#include "verification/opensky/solver_picture.h"
 
 namespace astronav::cli {
 namespace {
@@ -26,7 +27,7 @@ using Json = nlohmann::ordered_json;
 
 struct Options {
   std::vector<std::string> images;
-  std::string camera, fov, epoch, observer, near, wcs, raw, catalogue;
+  std::string camera, fov, epoch, observer, near, wcs, picture, raw, catalogue;
   std::vector<std::string> kernels;
   bool json = false;
 };
@@ -94,22 +95,16 @@ Result<Request> read_request(const Options& options) {
     if (!state) return forward(state, "--observer");
     request.solve.observer = *state;
     request.solve.ephemeris = &request.kernels->ephemeris;
+    const auto air = parse_air(options.observer, *request.solve.epoch);
+    if (!air) return forward(air);
+    if (*air) {
+      request.solve.refraction = (*air)->refraction;
+      // An all-sky camera looks up.
+      if (!request.solve.near && request.solve.camera && request.solve.camera->model == ProjectionModel::fisheye)
+        request.solve.near = opensky::Near{(*air)->zenith_N, 30.0 * kDegree};
+    }
   }
   return request;
-}
-
-// Of the picture's centre; up is towards row 0.
-Pointing center_of(const opensky::Solution& s) {
-  const Intrinsics& camera = s.attitude.intrinsics;
-  const Pixel middle{0.5 * (s.width - 1), 0.5 * (s.height - 1)};
-  const auto center = unproject(camera, middle), above = unproject(camera, {middle.u, middle.v - 1.0});
-  if (!center || !above) return pointing_from_R_CN(s.attitude.R_CN);
-  const Vec3 c = s.attitude.R_CN.transpose() * *center, a = s.attitude.R_CN.transpose() * *above;
-  const EastNorth axes = east_north(c);
-  const RaDec place = radec_from_direction(c);
-  double roll = std::atan2(a.dot(axes.east), a.dot(axes.north));
-  if (roll < 0.0) roll += 2.0 * kPi;
-  return {place.ra_rad, place.dec_rad, roll};
 }
 
 double rounded(double x, double digits) {
@@ -118,7 +113,7 @@ double rounded(double x, double digits) {
 
 Json to_json(const std::string& image, const opensky::Solution& s, double read_ms) {
   const vision::AttitudeSolution& a = s.attitude;
-  const Pointing center = center_of(s);
+  const Pointing center = opensky::center_pointing(s);
   const Quaternion q = to_quaternion(a.R_CN.transpose());
   const Vec3 sigma = a.covariance_rad2.diagonal().cwiseSqrt() / kArcsecond;
   Json out;
@@ -137,10 +132,12 @@ Json to_json(const std::string& image, const opensky::Solution& s, double read_m
   out["chance_probability"] = a.chance_probability;
   out["focal_px"] = a.intrinsics.fx_px;
   const Distortion& d = a.intrinsics.distortion;
-  out["distortion"] = {{"k1", d.k1}, {"k2", d.k2}, {"p1", d.p1}, {"p2", d.p2}};
+  out["principal_point_px"] = {{"u", a.intrinsics.cx_px}, {"v", a.intrinsics.cy_px}};
+  out["distortion"] = {{"k1", d.k1}, {"k2", d.k2}, {"k3", d.k3}, {"p1", d.p1}, {"p2", d.p2}};
   out["epoch_tdb"] = s.epoch.iso(TimeScale::tdb, 3, false);
   out["epoch_assumed"] = s.epoch_assumed;
   out["aberration_corrected"] = s.aberration_corrected;
+  out["refraction_corrected"] = s.refraction_corrected;
   out["stars_detected"] = s.detected;
   out["stars_matched"] = s.stars.size();
   out["residual_rms_px"] = a.residual_rms_px;
@@ -170,6 +167,7 @@ Json to_json(const std::string& image, const opensky::Solution& s, double read_m
                             {"sigma_px", std::sqrt(0.5 * spot.covariance_px2.trace())}});
   out["time_ms"] = {{"read", read_ms},
                     {"centroid", s.time_ms.centroid},
+                    {"lists", s.time_ms.lists},
                     {"identify", s.time_ms.identify},
                     {"attitude", s.time_ms.attitude},
                     {"planets", s.time_ms.planets},
@@ -178,7 +176,7 @@ Json to_json(const std::string& image, const opensky::Solution& s, double read_m
 }
 
 void tell(const std::string& image, const opensky::Solution& s) {
-  const Pointing center = center_of(s);
+  const Pointing center = opensky::center_pointing(s);
   const Vec3 sigma = s.attitude.covariance_rad2.diagonal().cwiseSqrt() / kArcsecond;
   fmt::print("{}: RA {:.4f} Dec {:+.4f} roll {:.3f} deg, field {:.3f} x {:.3f} deg{}\n", image, center.ra_rad / kDegree,
              center.dec_rad / kDegree, center.roll_rad / kDegree,
@@ -194,18 +192,30 @@ void tell(const std::string& image, const opensky::Solution& s) {
                p.v_mag_predicted);
 }
 
+Result<void> write_files(const Options& options, const Picture& picture, const opensky::Solution& solution) {
+  if (!options.wcs.empty()) {
+    const vision::AttitudeSolution& a = solution.attitude;
+    const auto stored =
+        write_fits(options.wcs, picture.pixels.view(), wcs_cards(a.intrinsics, a.R_CN, solution.mirrored));
+    if (!stored) return forward(stored, options.wcs);
+  }
+  if (!options.picture.empty()) {
+    const auto png = encode_png_rgb(opensky::annotated(picture, solution).view());
+    if (!png) return forward(png, options.picture);
+    const auto stored = write_file(options.picture, *png);
+    if (!stored) return forward(stored, options.picture);
+  }
+  return {};
+}
+
 Result<int> run(const Options& options) {
   const auto request = read_request(options);
   if (!request) return forward(request);
-  if (!options.wcs.empty() && options.images.size() != 1)
-    return fail(ErrorCode::invalid_argument, "one image for one file", {}, "--wcs");
-  const std::filesystem::path catalogue_path = options.catalogue.empty() ? home_directory() / "data" / "hipparcos.stars"
-                                                                         : std::filesystem::path(options.catalogue);
-  const auto catalogue_file = MappedFile::open(catalogue_path);
-  if (!catalogue_file) return forward(catalogue_file);
-  const auto catalogue = StarCatalogue::open(catalogue_file->bytes());
-  if (!catalogue) return forward(catalogue, catalogue_path.string());
-  opensky::Solver solver(*catalogue);
+  if (options.images.size() != 1 && !(options.wcs.empty() && options.picture.empty()))
+    return fail(ErrorCode::invalid_argument, "one image for one file", {}, options.wcs.empty() ? "--picture" : "--wcs");
+  const auto catalogue = open_catalogue(options.catalogue);
+  if (!catalogue) return forward(catalogue);
+  opensky::Solver solver(catalogue->stars);
 
   bool unreadable = false, unmatched = false;
   for (const std::string& image : options.images) {
@@ -229,16 +239,12 @@ Result<int> run(const Options& options) {
       fmt::print(stderr, "astronav: {}{}\n", picture ? image + ": " : "", message);
       continue;
     }
+    // The files first: an answer that is told is an answer that stands.
+    if (const auto stored = write_files(options, *picture, *solution); !stored) return forward(stored);
     if (options.json)
       fmt::print("{}\n", to_json(image, *solution, read_ms).dump());
     else
       tell(image, *solution);
-    if (!options.wcs.empty()) {
-      const auto stored =
-          write_fits(options.wcs, picture->pixels.view(),
-                     wcs_cards(solution->attitude.intrinsics, solution->attitude.R_CN, solution->mirrored));
-      if (!stored) return forward(stored, options.wcs);
-    }
     std::fflush(stdout);
   }
   return unreadable ? 2 : unmatched ? 3 : 0;
@@ -251,15 +257,18 @@ void add_solve(CLI::App& app, Invocation& invocation) {
   CLI::App* sub = app.add_subcommand("solve", "attitude and planets from pictures of the sky");
   sub->footer("Example:\n  astronav solve night.jpg --fov 8:13 --json");
   sub->add_option("images", options->images, "PNG, TIFF, JPEG, FITS or raw frames")->required();
-  sub->add_option("--camera", options->camera, "camera file, or the name of one in scenarios/cameras");
+  sub->add_option("--camera", options->camera, "camera file, or the name of one in scenarios/cameras: lens and all");
   sub->add_option("--fov", options->fov, "MIN:MAX, horizontal field of view in degrees");
   sub->add_option("--epoch", options->epoch, "middle of the exposure, ISO 8601 with scale (UTC if none)");
   sub->add_option("--observer", options->observer,
-                  "ssb:X,Y,Z[,VX,VY,VZ] (km, km/s), ground:LAT,LON,HEIGHT_M, spk:ID@FILE, oem:FILE or a body");
+                  "ground:LAT,LON,HEIGHT_M, ssb:X,Y,Z[,VX,VY,VZ] (km, km/s), spk:ID@FILE, oem:FILE or a body:\n"
+                  "for aberration, refraction on the ground, and planets");
   sub->add_option("--near", options->near, "RA,DEC,RADIUS in degrees: the centre lies there");
   sub->add_option("--wcs", options->wcs, "FILE.fits: the picture with its world coordinates");
+  sub->add_option("--picture", options->picture, "FILE.png: the picture with its stars and planets marked");
   sub->add_option("--raw", options->raw, "WIDTHxHEIGHT,u16le,OFFSET");
-  sub->add_option("--kernel", options->kernels, "SPK files in place of DE405; later ones take precedence");
+  sub->add_option("--kernel", options->kernels, "SPK files in place of DE405; later ones take precedence")
+      ->allow_extra_args(false);
   sub->add_option("--catalog", options->catalogue, "star catalogue in place of Hipparcos");
   sub->add_flag("--json", options->json, "one JSON object an image");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });

@@ -156,6 +156,16 @@ Result<std::optional<GroundSite>> parse_ground_site(std::string_view text) {
   return GroundSite{(*n)[0] * kDegree, (*n)[1] * kDegree, (*n)[2]};
 }
 
+Result<std::optional<Air>> parse_air(std::string_view observer, Epoch epoch) {
+  const auto site = parse_ground_site(observer);
+  if (!site) return forward(site);
+  if (!*site) return std::optional<Air>();
+  // Barometric formula of an atmosphere at 10 C: scale height 8.3 km.
+  const double pressure_hpa = 1013.25 * std::exp(-(*site)->height_m / 8300.0);
+  const Vec3 zenith = ground_zenith(**site, epoch);
+  return Air{zenith, Refraction({.pressure_hpa = pressure_hpa}, zenith)};
+}
+
 Result<Observer> parse_observer(std::string_view text, std::shared_ptr<const Kernels> kernels) {
   text = trimmed(text);
   const auto rest_after = [&](std::string_view prefix) { return text.substr(prefix.size()); };

@@ -17,6 +17,7 @@
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
 #include "models/ephemeris/ground.h"
+#include "models/ephemeris/refraction.h"
 #include "models/stars/catalogue.h"
 
 namespace astronav::cli {
@@ -52,6 +53,14 @@ Result<Observer> parse_observer(std::string_view text, std::shared_ptr<const Ker
 
 // The place where the text is `ground:LAT,LON,HEIGHT_M`, nothing where it is another kind of observer.
 Result<std::optional<GroundSite>> parse_ground_site(std::string_view text);
+
+// The air above an observer `ground:LAT,LON,HEIGHT_M` (10 C, half as moist as it could be, pressure by its height);
+// nothing above another.
+struct Air {
+  Vec3 zenith_N;
+  Refraction refraction;
+};
+Result<std::optional<Air>> parse_air(std::string_view observer, Epoch epoch);
 
 // `RA,DEC,ROLL` in degrees.
 Result<Pointing> parse_pointing(std::string_view text);

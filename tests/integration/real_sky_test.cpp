@@ -2,6 +2,7 @@
 // `astronav compare` on ten real pictures: four of a camera on the ground (ESA's tetra3), six that New Horizons took of
 // Proxima Centauri and Wolf 359 from 47 au. The limits are those that docs/real-sky.md promises.
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -129,6 +130,75 @@ TEST(RealSky, OwnFrameByItsHeader) {
   const json still = compared({"own.fits", "--camera", "star-tracker-10deg", "--wcs-from-header"}, scratch.path());
   ASSERT_TRUE(still.contains("status"));
   EXPECT_GT(still["geometric_median_px"].get<double>(), 2.0 * found["geometric_median_px"].get<double>());
+}
+
+json told(const std::string& line, const std::filesystem::path& folder) {
+  setenv("ASTRONAV_HOME", ASTRONAV_TEST_HOME, 1);
+  const testing::Outcome outcome = testing::run_program(ASTRONAV_PROGRAM, testing::words(line), folder, 120);
+  EXPECT_EQ(outcome.status, 0) << outcome.err;
+  return outcome.status == 0 ? json::parse(outcome.out) : json::object();
+}
+
+const json* planet(const json& found, const std::string& name) {
+  for (const json& p : found["planets"])
+    if (p["name"].get<std::string>().starts_with(name)) return &p;
+  return nullptr;
+}
+
+// Buffalo (NY), an evening of 2018: six frames give the camera; in the seventh, with Jupiter saturated, three stars are
+// seen. The hour is not known: Jupiter moves by 19 arcsec in one, 1.2 pixels.
+TEST(RealSky, JupiterIsNamedAndItsMoonIsNoStar) {
+  const auto folder = ASTRONAV_SHARED_DATA("images/openstartracker");
+  const testing::ScratchFolder scratch;
+  const std::string where = " --epoch 2018-05-09T02:30:00 --observer ground:43.0,-78.8,180 ";
+  std::string frames;
+  for (const char* name : {"img0", "img2", "img3", "img4", "img5", "img6"})
+    frames += (folder / "exp50ms" / (std::string(name) + ".png")).string() + " ";
+  const json camera = told("calibrate camera --json --out evening.toml " + frames + where, scratch.path());
+  ASSERT_TRUE(camera.contains("stars"));
+  for (const json& frame : camera["frames"]) EXPECT_EQ(frame["status"], "solved");
+  const std::string image = (folder / "exp30ms/img6_jupiter.png").string();
+  const json found = told(
+      "solve " + image + " --json --camera evening.toml --near 224,-17,5 --picture seen.png" + where, scratch.path());
+  ASSERT_TRUE(found.contains("planets"));
+  EXPECT_TRUE(std::filesystem::exists(scratch.path() / "seen.png"));
+  EXPECT_LT(found["chance_probability"].get<double>(), 1e-5);
+  EXPECT_TRUE(found["refraction_corrected"].get<bool>());
+  const json* jupiter = planet(found, "jupiter");
+  ASSERT_NE(jupiter, nullptr);
+  EXPECT_EQ(found["planets"].size(), 1u);
+  EXPECT_NEAR((*jupiter)["u_px"].get<double>(), 435.0, 2.0);
+  EXPECT_NEAR((*jupiter)["v_px"].get<double>(), 586.5, 2.0);
+  // Alpha Librae, both of it, and nu Librae; nothing that is told a star lies at Jupiter or its moon.
+  for (const int hip : {72622, 72603, 73945}) {
+    EXPECT_TRUE(std::any_of(found["stars"].begin(), found["stars"].end(), [&](const json& s) {
+      return s["id"] == hip;
+    })) << hip;
+  }
+  bool moon_is_told = false;
+  for (const json& star : found["stars"])
+    EXPECT_GT(std::hypot(star["u_px"].get<double>() - 442.0, star["v_px"].get<double>() - 581.0), 20.0);
+  for (const json& spot : found["spots"])
+    moon_is_told |= std::hypot(spot["u_px"].get<double>() - 450.0, spot["v_px"].get<double>() - 575.1) < 1.5;
+  EXPECT_TRUE(moon_is_told);
+}
+
+// An all-sky camera on Svalbard, its calibrated lens believed: Mars by its name.
+TEST(RealSky, MarsIsNamedOverSvalbard) {
+  const auto image = ASTRONAV_SHARED_DATA("images/kho/W8446B18_2020-12-11_20-09-36.img").string();
+  const testing::ScratchFolder scratch;
+  const std::string rest =
+      image + " --raw 512x512,u16le,66 --epoch 2020-12-11T20:09:36 --observer ground:78.148,16.043,520 --json";
+  ASSERT_TRUE(told("calibrate camera --fisheye --out kho.toml " + rest, scratch.path()).contains("stars"));
+  const json found = told("solve --camera kho.toml " + rest, scratch.path());
+  ASSERT_TRUE(found.contains("planets"));
+  EXPECT_GE(found["stars_matched"].get<int>(), 100);
+  EXPECT_LT(found["residual_rms_px"].get<double>(), 0.3);
+  const json* mars = planet(found, "mars");
+  ASSERT_NE(mars, nullptr);
+  EXPECT_EQ(found["planets"].size(), 1u);
+  EXPECT_NEAR((*mars)["u_px"].get<double>(), 427.0, 1.0);
+  EXPECT_NEAR((*mars)["v_px"].get<double>(), 392.0, 1.0);
 }
 
 }  // namespace

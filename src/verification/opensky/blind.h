@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blind search: where the camera looks and how wide, from spots alone.
 //
-// Two bright spots are held to be each pair of catalogue stars at a fitting distance, in both orders; distance over
-// angle gives the focal length, and a few more bright spots must then fall on stars. What passes goes to the onboard
-// Identifier with the focal length free, which judges it by all stars and by what chance could do.
+// The field of view is climbed in steps. In each, four of the most certain spots after four are held to be every four
+// stars of their shape; size over size gives the focal length, a few more spots must then fall on stars. What passes
+// goes to the onboard Identifier with the focal length free, which judges it by all stars and by what chance could do.
 #pragma once
 
 #include <map>
@@ -14,6 +14,7 @@
 
 #include "foundation/base/error.h"
 #include "onboard/vision/identify.h"
+#include "verification/opensky/quads.h"
 
 namespace astronav::opensky {
 
@@ -22,55 +23,55 @@ struct Near {
   double radius_rad = 0.0;
 };
 
+struct FieldRange {  // horizontal, rad
+  double min_rad = 0.0;
+  double max_rad = 0.0;
+};
+
 struct BlindSettings {
-  int spots = 14;  // the most certain, evenly spread, that make hypotheses
-  int confirm_hits = 3;
-  double tolerance = 0.005;  // of the picture's width: how far spots may be off under a first guess
-  double match_px = 2.0;
-  double max_chance = 1e-8;        // that a solution is none, all hypotheses counted
+  std::size_t spots = 24;          // the most certain, evenly spread, that make shapes
+  double match_px = 2.0;           // star to spot, at the end
+  double max_chance = 1e-6;        // that a solution is none, all hypotheses counted
   std::size_t judged_spots = 120;  // the most certain
-  std::optional<Near> near;
+  std::optional<Near> near{};
+  // Of the picture's size: its lens is believed, and its focal length where that is known.
+  std::optional<Intrinsics> camera{};
+  bool focal_is_known = true;
 };
 
 struct BlindSolution {
-  vision::Identification identification;
+  vision::Identification identification;  // of a mirrored picture: of the picture turned right
   std::vector<vision::MatchedStar> stars;
-  double refine_ms = 0.0;  // of the search: from the first accepted attitude to the last
+  bool mirrored = false;
+  double extra_sigma_px = 0.0;  // of an axis, beside the centroids' own: blur, lens, catalogue
+  double lists_ms = 0.0;        // for making lists of stars that were not there yet
 };
 
-// Which parts of the sky lie close to a star: one bit for each small cell on the faces of a cube.
-class SkyMask {
- public:
-  SkyMask(const vision::StarField& stars, double radius_rad);
-  // True for every direction within the radius of a star, and for some a little farther off.
-  bool near_star(const Vec3& direction_N) const;
-
- private:
-  std::size_t cell(const Vec3& direction) const;
-  int cells_ = 0;  // along the edge of a face
-  std::vector<std::uint64_t> bits_;
-};
+// Axes that two directions define: columns middle, normal, from the second to the first.
+Mat3 pair_axes(const Vec3& p, const Vec3& q);
 
 class BlindSearch {
  public:
-  explicit BlindSearch(const vision::StarField& field) : field_(field) {}
+  // The field must outlive the object. Lists of stars are made when a field of view first asks for them, and kept.
+  explicit BlindSearch(const vision::StarField& field);
 
-  // Fields of view are horizontal. `spots` brightest first. no_match where nothing convinces.
-  Result<BlindSolution> search(std::span<const vision::Centroid> spots, int width, int height, double fov_min_rad,
-                               double fov_max_rad, const vision::Observer& observer, const BlindSettings& settings);
+  // `spots` the most certain first. no_match where nothing convinces.
+  Result<BlindSolution> search(std::span<const vision::Centroid> spots, int width, int height, const FieldRange& range,
+                               const vision::Observer& observer, const BlindSettings& settings);
 
  private:
-  struct Asterisms {
-    std::vector<std::byte> bytes;
-    vision::PairIndex index;
-    vision::StarField bright;
-    std::unique_ptr<SkyMask> mask;
-    double mask_radius_rad = 0.0;
+  struct Shapes {
+    vision::StarField stars;
+    QuadIndex quads;
   };
-  const Asterisms& asterisms(double shorter_fov_rad, double longest_rad, double mask_radius_rad);
+  struct Step;
+  class Attempt;
+  const Shapes& shapes(double shorter_fov_rad);
 
   const vision::StarField& field_;
-  std::map<int, std::unique_ptr<Asterisms>> made_;  // by size of field
+  std::vector<std::uint32_t> by_brightness_;
+  std::map<int, std::unique_ptr<Shapes>> made_;  // by size of field
+  double lists_ms_ = 0.0;
 };
 
 }  // namespace astronav::opensky

@@ -96,21 +96,15 @@ class Calibrator {
     view.frame = k;
     view.epoch = frame.epoch.value_or(Epoch::tdb_seconds(25.0 * 365.25 * 86400.0));
     view.observer = frame.observer;
-    SpotSettings settings;
+    SpotSettings settings = request_.model == ProjectionModel::fisheye ? SpotSettings::all_sky() : SpotSettings{};
     settings.max_spots = kMaxSpots;
-    if (request_.model == ProjectionModel::fisheye) {
-      // Stars a pixel or two wide on a sky with the Milky Way, aurora and a bright rim.
-      settings.tile_px = 12;
-      settings.smoothing_sigma_px = 0.7;
-      settings.threshold_sigma = 4.0;
-    }
     Spots found = find_spots(*frame.picture, settings);
     view.spots = std::move(found.spots);
     view.background_dn = found.background_dn;
     view.noise_dn = found.noise_dn;
-    view.sky = apparent_stars(catalogue_, max_v_mag, view.epoch, view.observer);
+    view.sky = apparent_stars(catalogue_, max_v_mag, view.epoch, view.observer, frame.refraction);
     if (request_.ephemeris && frame.epoch && frame.observer)
-      view.planets = apparent_planets(*request_.ephemeris, view.epoch, *frame.observer);
+      view.planets = apparent_planets(*request_.ephemeris, view.epoch, *frame.observer, frame.refraction);
     return view;
   }
 
@@ -129,6 +123,7 @@ class Calibrator {
                        .camera = {},
                        .epoch = frames_[k].epoch,
                        .observer = frames_[k].observer,
+                       .refraction = frames_[k].refraction,
                        .near = request_.near,
                        .ephemeris = nullptr};
       if (!focal.empty()) {
@@ -325,6 +320,7 @@ class Calibrator {
       frame.covariance_rad2 = best.attitude_covariance_rad2[v];
       frame.spots = view.spots.size();
       frame.aberration_corrected = view.observer.has_value();
+      frame.refraction_corrected = frames_[view.frame].refraction.has_value();
       backgrounds.push_back(view.background_dn);
       noises.push_back(view.noise_dn);
       for (const SkyPlanet& planet : view.planets) foretell(view, planet, frame);

@@ -24,9 +24,10 @@ namespace astronav::opensky {
 
 struct CalibrationFrame {
   const Picture* picture = nullptr;
-  std::optional<Epoch> epoch;     // J2025.0 for proper motion where it is not given
-  std::optional<State> observer;  // barycentric; aberration is corrected where it is known
-  std::optional<Vec3> zenith_N;   // of an observer on the ground: an all-sky camera looks up to within 30 degrees
+  std::optional<Epoch> epoch{};            // J2025.0 for proper motion where it is not given
+  std::optional<State> observer{};         // barycentric; aberration is corrected where it is known
+  std::optional<Refraction> refraction{};  // of an observer on the ground
+  std::optional<Vec3> zenith_N{};  // of an observer on the ground: an all-sky camera looks up to within 30 degrees
 };
 
 struct CalibrationRequest {
@@ -61,6 +62,7 @@ struct CalibratedFrame {
   std::vector<ForetoldPlanet> planets;
   double rms_px = 0.0;
   bool aberration_corrected = false;
+  bool refraction_corrected = false;
 };
 
 struct Calibration {

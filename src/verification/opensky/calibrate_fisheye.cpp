@@ -38,14 +38,6 @@ struct Guess {
   int hits;
 };
 
-Mat3 pair_axes(const Vec3& p, const Vec3& q) {
-  Mat3 axes;
-  axes.col(0) = (p + q).normalized();
-  axes.col(2) = (p - q).normalized();
-  axes.col(1) = axes.col(0).cross(axes.col(2));
-  return axes;
-}
-
 // Which cells of a cube around the sphere lie within the net of a star.
 class Net {
  public:

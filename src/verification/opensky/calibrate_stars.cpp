@@ -26,21 +26,28 @@ double squared_distance(Pixel a, Pixel b) {
 
 }  // namespace
 
-std::vector<SkyStar> apparent_stars(const StarCatalogue& catalogue, double max_v_mag, Epoch epoch,
-                                    const std::optional<State>& observer) {
+Vec3 apparent_direction(const Star& star, Epoch epoch, const std::optional<State>& observer,
+                        const std::optional<Refraction>& refraction) {
   const State where = observer.value_or(State{Vec3::Zero(), Vec3::Zero()});
+  const Vec3 arriving = aberrate(star_direction(star, epoch, where.p_m), where.v_m_s);
+  return refraction ? refraction->refract(arriving) : arriving;
+}
+
+std::vector<SkyStar> apparent_stars(const StarCatalogue& catalogue, double max_v_mag, Epoch epoch,
+                                    const std::optional<State>& observer, const std::optional<Refraction>& refraction) {
   std::vector<SkyStar> sky;
   for (std::size_t i = 0; i < catalogue.size(); ++i) {
     const Star star = catalogue.star(i);
     if (!(static_cast<double>(star.v_mag) <= max_v_mag)) continue;
-    sky.push_back({aberrate(star_direction(star, epoch, where.p_m), where.v_m_s), static_cast<double>(star.v_mag),
+    sky.push_back({apparent_direction(star, epoch, observer, refraction), static_cast<double>(star.v_mag),
                    static_cast<std::uint32_t>(i), star.id});
   }
   std::stable_sort(sky.begin(), sky.end(), [](const SkyStar& a, const SkyStar& b) { return a.v_mag < b.v_mag; });
   return sky;
 }
 
-std::vector<SkyPlanet> apparent_planets(const Ephemeris& ephemeris, Epoch epoch, const State& observer) {
+std::vector<SkyPlanet> apparent_planets(const Ephemeris& ephemeris, Epoch epoch, const State& observer,
+                                        const std::optional<Refraction>& refraction) {
   std::vector<SkyPlanet> planets;
   for (const BodyId body : {body::mercury, body::venus, body::earth, body::moon, body::mars, body::jupiter,
                             body::saturn, body::uranus, body::neptune}) {
@@ -53,7 +60,8 @@ std::vector<SkyPlanet> apparent_planets(const Ephemeris& ephemeris, Epoch epoch,
     if (!from_sun) continue;
     const auto v_mag = planet_v_magnitude(body, {from_sun->p_m, seen->relative.p_m, departure});
     if (!v_mag || !std::isfinite(*v_mag)) continue;
-    planets.push_back({body, aberrate(seen->relative.p_m.normalized(), observer.v_m_s), *v_mag});
+    const Vec3 arriving = aberrate(seen->relative.p_m.normalized(), observer.v_m_s);
+    planets.push_back({body, refraction ? refraction->refract(arriving) : arriving, *v_mag});
   }
   return planets;
 }

@@ -8,6 +8,7 @@
 
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/ephemeris/refraction.h"
 #include "models/stars/catalogue.h"
 #include "onboard/vision/types.h"
 
@@ -19,16 +20,21 @@ struct SkyStar {
   std::uint32_t index = 0;  // in the catalogue
   std::uint32_t id = 0;
 };
-// All to a magnitude, brightest first. Without an observer: as from the barycentre, at rest.
+// Where a star is seen: motion, parallax, aberration, refraction. Without an observer: from the barycentre, at rest.
+Vec3 apparent_direction(const Star& star, Epoch epoch, const std::optional<State>& observer,
+                        const std::optional<Refraction>& refraction);
+// All to a magnitude, brightest first.
 std::vector<SkyStar> apparent_stars(const StarCatalogue& catalogue, double max_v_mag, Epoch epoch,
-                                    const std::optional<State>& observer);
+                                    const std::optional<State>& observer,
+                                    const std::optional<Refraction>& refraction = {});
 
 struct SkyPlanet {
   BodyId body;
   Vec3 direction_N;  // apparent
   double v_mag = 0.0;
 };
-std::vector<SkyPlanet> apparent_planets(const Ephemeris& ephemeris, Epoch epoch, const State& observer);
+std::vector<SkyPlanet> apparent_planets(const Ephemeris& ephemeris, Epoch epoch, const State& observer,
+                                        const std::optional<Refraction>& refraction = {});
 
 struct StarMatch {
   std::size_t star = 0;  // index into the sky

@@ -206,7 +206,7 @@ Night take_pictures(const Camera& camera, std::span<const Pointing> pointings, b
     picture.bits = camera.detector.bits;
     picture.white_level = std::exp2(camera.detector.bits) - 1.0;
     night.pictures.push_back(std::move(picture));
-    night.frames.push_back({nullptr, epoch, observer, {}});
+    night.frames.push_back({.picture = nullptr, .epoch = epoch, .observer = observer});
   }
   for (std::size_t k = 0; k < pointings.size(); ++k) night.frames[k].picture = &night.pictures[k];
   return night;
@@ -287,7 +287,7 @@ TEST(CalibrateCamera, SaysWhatIsWrong) {
   Picture small, large;
   small.pixels = ImageF(64, 64, 100.0f);
   large.pixels = ImageF(64, 65, 100.0f);
-  const std::array<CalibrationFrame, 2> two_sizes{{{&small, {}, {}, {}}, {&large, {}, {}, {}}}};
+  const std::array<CalibrationFrame, 2> two_sizes{{{.picture = &small}, {.picture = &large}}};
   const auto sizes = calibrate_camera(catalogue(), two_sizes, {});
   ASSERT_FALSE(sizes);
   EXPECT_EQ(sizes.error().code, ErrorCode::invalid_argument);

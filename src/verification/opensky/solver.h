@@ -8,44 +8,31 @@
 #include <vector>
 
 #include "foundation/base/error.h"
+#include "foundation/math/rotation.h"
 #include "foundation/raster/raster.h"
 #include "models/camera/camera.h"
 #include "models/ephemeris/ephemeris.h"
 #include "models/stars/catalogue.h"
 #include "verification/opensky/blind.h"
+#include "verification/opensky/solver_fit.h"
+#include "verification/opensky/solver_planets.h"
 #include "verification/opensky/spots.h"
 
 namespace astronav::opensky {
 
-struct FieldRange {  // horizontal, rad
-  double min_rad = 0.0;
-  double max_rad = 0.0;
-};
-
 struct SolveRequest {
-  std::optional<FieldRange> field;  // neither field nor camera: a ladder of fields from 4 to 60 degrees
-  std::optional<Intrinsics> camera;
-  std::optional<Epoch> epoch;     // J2025.0 for proper motion where it is not given
-  std::optional<State> observer;  // barycentric; aberration is corrected where it is known
-  std::optional<Near> near;
-  const Ephemeris* ephemeris = nullptr;  // with epoch and observer: planets are looked for
+  std::optional<FieldRange> field{};  // neither field nor camera: a ladder of fields from 4 to 62 degrees
+  // Lens and all are believed; where no stars fit, the focal length within 3 %. A fisheye must be given.
+  std::optional<Intrinsics> camera{};
+  std::optional<Epoch> epoch{};            // J2025.0 for proper motion where it is not given
+  std::optional<State> observer{};         // barycentric; aberration is corrected where it is known
+  std::optional<Refraction> refraction{};  // of an observer on the ground
+  std::optional<Near> near{};              // with a camera three stars, or two and a planet, are enough
+  const Ephemeris* ephemeris = nullptr;    // with epoch and observer: planets are looked for
 };
 
-struct SolvedStar {
-  vision::MatchedStar match;
-  vision::Centroid spot;
-  double v_mag = 0.0;
-};
-struct SolvedPlanet {
-  BodyId body;
-  vision::Centroid spot;
-  Pixel predicted;
-  double mahalanobis = 0.0;
-  double v_mag_predicted = 0.0;
-  double v_mag_measured = 0.0;
-};
-struct SolveTimes {  // ms
-  double centroid = 0.0, identify = 0.0, attitude = 0.0, planets = 0.0, total = 0.0;
+struct SolveTimes {  // ms; lists of stars are made when a field of view is first asked for, and kept
+  double centroid = 0.0, lists = 0.0, identify = 0.0, attitude = 0.0, planets = 0.0, total = 0.0;
 };
 
 struct Solution {
@@ -55,6 +42,7 @@ struct Solution {
   Epoch epoch;
   bool epoch_assumed = true;
   bool aberration_corrected = false;
+  bool refraction_corrected = false;
   std::vector<SolvedStar> stars;  // pixels as in the picture
   std::vector<SolvedPlanet> planets;
   std::vector<vision::Centroid> unknown;  // what is neither
@@ -62,23 +50,33 @@ struct Solution {
   SolveTimes time_ms;
 };
 
+// Of the picture's centre, ((width-1)/2, (height-1)/2); up is towards row 0.
+Pointing center_pointing(const Solution& solution);
+
 class Solver {
  public:
   // The catalogue must outlive the object. Lists of stars are made when a field first asks for them, and kept.
   explicit Solver(const StarCatalogue& catalogue, double max_v_mag = 11.0);
 
-  // no_match where nothing convinces: never a guess. invalid_argument for an impossible field of view; unsupported for
-  // a fisheye.
+  // no_match where nothing convinces: never a guess. invalid_argument for an impossible field of view.
   Result<Solution> solve(const Picture& picture, const SolveRequest& request);
 
  private:
-  Result<BlindSolution> identify(std::span<const vision::Centroid> spots, int width, int height,
-                                 const SolveRequest& request, const vision::Observer& observer);
-  void find_planets(const Picture& picture, const SolveRequest& request, std::span<const vision::Centroid> spots,
-                    const BlindSolution& known, Solution& solution);
+  struct Known {
+    NamedStars stars;
+    double lists_ms = 0.0;
+  };
+  // The spots of a mirrored picture are turned round where the answer is mirrored.
+  Result<Known> identify(std::vector<vision::Centroid>& spots, const SolveRequest& request, const SeenFrom& from,
+                         int width, int height);
+  Result<Known> identify_blind(std::span<const vision::Centroid> spots, const SolveRequest& request,
+                               const SeenFrom& from, int width, int height);
+  Result<Known> identify_roughly(std::span<const vision::Centroid> spots, const SolveRequest& request,
+                                 const SeenFrom& from);
+  Result<Known> identify_all_sky(std::span<const vision::Centroid> spots, const SolveRequest& request,
+                                 const SeenFrom& from);
 
   const StarCatalogue& catalogue_;
-  double max_v_mag_;
   vision::StarField field_;
   std::unique_ptr<BlindSearch> blind_;
 };

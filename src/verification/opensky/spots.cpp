@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <span>
 
 #include "onboard/vision/centroids.h"
 
@@ -17,14 +18,29 @@ struct Tiles {
   float at(const std::vector<float>& values, int x, int y) const {
     return values[static_cast<std::size_t>(std::clamp(y, 0, height - 1)) * width + std::clamp(x, 0, width - 1)];
   }
-  // Bilinear between the tiles' centres.
+  // Bilinear between the tiles' centres: of one pixel, and of a row from its first pixel on.
   float between(const std::vector<float>& values, int u, int v) const {
     const float x = (static_cast<float>(u) + 0.5f) / static_cast<float>(size) - 0.5f;
+    const int i = static_cast<int>(std::floor(x));
+    const float a = x - static_cast<float>(i);
+    return down(values, i, v) * (1 - a) + down(values, i + 1, v) * a;
+  }
+  void between(const std::vector<float>& values, int v, std::span<float> row) const {
+    const int length = static_cast<int>(row.size());
+    for (int i = -1; i < width; ++i) {
+      const float left = down(values, i, v), slope = (down(values, i + 1, v) - left) / static_cast<float>(size);
+      const int u0 = i * size + size / 2;  // its centre lies half a pixel before
+      for (int u = std::max(0, u0); u < std::min(length, u0 + size); ++u)
+        row[static_cast<std::size_t>(u)] = left + slope * (static_cast<float>(u - u0) + 0.5f);
+    }
+  }
+
+ private:
+  float down(const std::vector<float>& values, int i, int v) const {
     const float y = (static_cast<float>(v) + 0.5f) / static_cast<float>(size) - 0.5f;
-    const int i = static_cast<int>(std::floor(x)), j = static_cast<int>(std::floor(y));
-    const float a = x - static_cast<float>(i), b = y - static_cast<float>(j);
-    return (at(values, i, j) * (1 - a) + at(values, i + 1, j) * a) * (1 - b) +
-           (at(values, i, j + 1) * (1 - a) + at(values, i + 1, j + 1) * a) * b;
+    const int j = static_cast<int>(std::floor(y));
+    const float b = y - static_cast<float>(j);
+    return at(values, i, j) * (1 - b) + at(values, i, j + 1) * b;
   }
 };
 
@@ -56,26 +72,38 @@ Tiles measure(const ImageF& image, int size, float step) {
   tiles.size = size;
   tiles.width = (image.width() + size - 1) / size;
   tiles.height = (image.height() + size - 1) / size;
-  std::vector<float> values, deviations;
+  std::vector<float> values, deviations, sums;
+  // Every fourth pixel of a large tile fixes a median and a limit well enough.
+  const int stride = size >= 24 ? 2 : 1;
   for (int y = 0; y < tiles.height; ++y) {
+    const int v1 = std::min((y + 1) * size, image.height());
     for (int x = 0; x < tiles.width; ++x) {
+      const int u1 = std::min((x + 1) * size, image.width());
       values.clear();
-      for (int v = y * size; v < std::min((y + 1) * size, image.height()); ++v)
-        for (int u = x * size; u < std::min((x + 1) * size, image.width()); ++u)
-          if (std::isfinite(image(u, v))) values.push_back(image(u, v));
+      for (int v = y * size; v < v1; v += stride) {
+        const float* row = image.row(v);
+        for (int u = x * size; u < u1; u += stride)
+          if (std::isfinite(row[u])) values.push_back(row[u]);
+      }
       const float median = middle_of(values);
       deviations.clear();
       for (const float value : values) deviations.push_back(std::abs(value - median));
       const float limit = std::max(4.0f * 1.4826f * middle_of(deviations), 2.0f * step);
       // In a picture of few grey levels the median jumps from level to level: the clipped mean does not.
-      double n = 0.0, sum = 0.0, sum2 = 0.0;
-      for (const float value : values) {
-        const double d = value - median;
-        if (std::abs(d) > limit) continue;
-        n += 1.0;
-        sum += d;
-        sum2 += d * d;
+      sums.assign(3 * static_cast<std::size_t>(size), 0.0f);
+      float *count = sums.data(), *first = count + size, *second = first + size;  // of each column
+      for (int v = y * size; v < v1; ++v) {
+        const float* row = image.row(v) + x * size;
+        for (int k = 0; k < u1 - x * size; ++k) {
+          const float d = row[k] - median;
+          const bool inside = std::abs(d) <= limit;  // never of what is not finite
+          count[k] += inside ? 1.0f : 0.0f;
+          first[k] += inside ? d : 0.0f;
+          second[k] += inside ? d * d : 0.0f;
+        }
       }
+      const double n = std::accumulate(count, first, 0.0), sum = std::accumulate(first, second, 0.0);
+      const double sum2 = std::accumulate(second, second + size, 0.0);
       tiles.level.push_back(n > 0.0 ? median + static_cast<float>(sum / n) : median);
       tiles.spread.push_back(n > 0.0 ? static_cast<float>(std::sqrt(std::max(sum2 / n - sum * sum / (n * n), 0.0)))
                                      : 0.0f);
@@ -86,42 +114,59 @@ Tiles measure(const ImageF& image, int size, float step) {
   return tiles;
 }
 
-ImageF smooth(const ImageF& image, double sigma) {
-  const int reach = static_cast<int>(std::ceil(3.0 * sigma));
-  std::vector<float> kernel;
+// (picture - level) / spread, smoothed by a Gaussian; beyond the edges the outermost pixels go on.
+ImageF smoothed_contrast(const ImageF& image, const Tiles& tiles, float least_spread, double sigma) {
+  constexpr int kReach = 4;  // pixels: three sigma and more
+  std::array<float, kReach + 1> kernel;
   float sum = 0.0f;
-  for (int i = -reach; i <= reach; ++i) {
-    kernel.push_back(static_cast<float>(std::exp(-0.5 * i * i / (sigma * sigma))));
-    sum += kernel.back();
+  for (int i = 0; i <= kReach; ++i) {
+    kernel[i] = static_cast<float>(std::exp(-0.5 * i * i / (sigma * sigma)));
+    sum += i == 0 ? kernel[i] : 2.0f * kernel[i];
   }
   for (float& k : kernel) k /= sum;
+  const auto [k0, k1, k2, k3, k4] = kernel;
   const int w = image.width(), h = image.height();
+  const auto width = static_cast<std::size_t>(w);
   ImageF across(w, h), out(w, h);
+  std::vector<float> level(width), weight(width), padded(width + 2 * kReach);
   for (int v = 0; v < h; ++v) {
+    tiles.between(tiles.level, v, level);
+    tiles.between(tiles.spread, v, weight);
+    const float* from = image.row(v);
+    float* c = padded.data() + kReach;
     for (int u = 0; u < w; ++u) {
-      float s = 0.0f;
-      for (int i = -reach; i <= reach; ++i) s += kernel[i + reach] * image(std::clamp(u + i, 0, w - 1), v);
-      across(u, v) = s;
+      const float r = (from[u] - level[u]) / std::max(weight[u], least_spread);
+      c[u] = std::abs(r) < 1e30f ? r : 0.0f;  // what is not finite is nothing
     }
+    std::fill(padded.begin(), padded.begin() + kReach, c[0]);
+    std::fill(padded.end() - kReach, padded.end(), c[w - 1]);
+    float* row = across.row(v);
+    for (int u = 0; u < w; ++u)
+      row[u] = k0 * c[u] + k1 * (c[u - 1] + c[u + 1]) + k2 * (c[u - 2] + c[u + 2]) + k3 * (c[u - 3] + c[u + 3]) +
+               k4 * (c[u - 4] + c[u + 4]);
   }
   for (int v = 0; v < h; ++v) {
-    float* row = out.row(v);
-    std::fill(row, row + w, 0.0f);
-    for (int i = -reach; i <= reach; ++i) {
-      const float* from = across.row(std::clamp(v + i, 0, h - 1));
-      for (int u = 0; u < w; ++u) row[u] += kernel[i + reach] * from[u];
+    std::array<const float*, kReach + 1> above, below;
+    for (int i = 0; i <= kReach; ++i) {
+      above[i] = across.row(std::max(v - i, 0));
+      below[i] = across.row(std::min(v + i, h - 1));
     }
+    const auto [a0, a1, a2, a3, a4] = above;
+    const auto [b0, b1, b2, b3, b4] = below;
+    float* row = out.row(v);
+    for (int u = 0; u < w; ++u)
+      row[u] = k0 * a0[u] + k1 * (a1[u] + b1[u]) + k2 * (a2[u] + b2[u]) + k3 * (a3[u] + b3[u]) + k4 * (a4[u] + b4[u]);
   }
   return out;
 }
 
 // One pixel alone, far above its neighbours: no optics does that, not even with half the light in one pixel.
-bool lone_pixel(const ImageF& residual, const vision::Centroid& spot) {
+bool lone_pixel(const ImageF& image, const Tiles& tiles, const vision::Centroid& spot) {
   const int u0 = static_cast<int>(std::lround(spot.pixel.u)), v0 = static_cast<int>(std::lround(spot.pixel.v));
   float peak = -1e30f, second = -1e30f, sum = 0.0f;
-  for (int v = std::max(0, v0 - 1); v <= std::min(residual.height() - 1, v0 + 1); ++v) {
-    for (int u = std::max(0, u0 - 1); u <= std::min(residual.width() - 1, u0 + 1); ++u) {
-      const float x = residual(u, v);
+  for (int v = std::max(0, v0 - 1); v <= std::min(image.height() - 1, v0 + 1); ++v) {
+    for (int u = std::max(0, u0 - 1); u <= std::min(image.width() - 1, u0 + 1); ++u) {
+      const float x = image(u, v) - tiles.between(tiles.level, u, v);
       sum += x;
       if (x > peak) {
         second = peak;
@@ -177,16 +222,7 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
                                                                       : picture.bits <= 16 ? 0.29
                                                                                            : 1e-6));
 
-  ImageF residual(w, h), contrast(w, h);
-  for (int v = 0; v < h; ++v) {
-    for (int u = 0; u < w; ++u) {
-      const float x = image(u, v);
-      const float r = std::isfinite(x) ? x - tiles.between(tiles.level, u, v) : 0.0f;
-      residual(u, v) = r;
-      contrast(u, v) = r / std::max(tiles.between(tiles.spread, u, v), least);
-    }
-  }
-  const ImageF smoothed = smooth(contrast, settings.smoothing_sigma_px);
+  const ImageF smoothed = smoothed_contrast(image, tiles, least, settings.smoothing_sigma_px);
 
   vision::CentroidSettings finding;
   finding.method = vision::CentroidMethod::squared_intensity;
@@ -210,7 +246,7 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   const double full = 0.98 * picture.white_level;
   std::vector<double> contrasts;
   for (vision::Centroid& spot : found) {
-    if (lone_pixel(residual, spot)) continue;
+    if (lone_pixel(image, tiles, spot)) continue;
     // Light within 4 px, in the picture's own units.
     const int u0 = static_cast<int>(std::lround(spot.pixel.u)), v0 = static_cast<int>(std::lround(spot.pixel.v));
     double flux = 0.0, peak = 0.0;
@@ -218,9 +254,12 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
     for (int v = std::max(0, v0 - 4); v <= std::min(h - 1, v0 + 4); ++v) {
       for (int u = std::max(0, u0 - 4); u <= std::min(w - 1, u0 + 4); ++u) {
         if ((u - u0) * (u - u0) + (v - v0) * (v - v0) > 16) continue;
-        flux += residual(u, v);
-        peak = std::max(peak, static_cast<double>(residual(u, v)));
-        saturated |= image(u, v) >= full;
+        const double x = image(u, v);
+        if (!std::isfinite(x)) continue;
+        const double above = x - static_cast<double>(tiles.between(tiles.level, u, v));
+        flux += above;
+        peak = std::max(peak, above);
+        saturated |= x >= full;
       }
     }
     contrasts.push_back(spot.peak_dn);

@@ -16,6 +16,10 @@ struct SpotSettings {
   double smoothing_sigma_px = 1.2;
   int tile_px = 32;  // of the background
   std::size_t max_spots = 400;
+  // Stars a pixel or two wide on a sky with the Milky Way, aurora and a bright rim.
+  static SpotSettings all_sky() {
+    return {.threshold_sigma = 4.0, .smoothing_sigma_px = 0.7, .tile_px = 12, .max_spots = 1500};
+  }
 };
 
 struct Spots {
