@@ -49,7 +49,7 @@ class RenderedSky {
         renderer(truth, 1),
         frame(truth.intrinsics.width_px, truth.intrinsics.height_px) {}
 
-  // Takes a picture; `frame` and `sources` are what it shows. `extra` sources are seen as well.
+  // Takes a picture; `frame` and `sources` are what it shows.
   void shoot(Epoch epoch, const State& observer_O, const Mat3& R_CN, double exposure_s, RandomStream& random) {
     sky::SkySettings settings;
     settings.max_v_mag = max_v_mag;
@@ -57,6 +57,7 @@ class RenderedSky {
                                                 truth.intrinsics.half_diagonal_rad() + 0.5 * kDegree, band, settings)
                                            .value();
     add_companions(seen, random);
+    seen.insert(seen.end(), extra.begin(), extra.end());
     sources = render::place_sources(seen, truth, R_CN, exposure_s);
     renderer.frame(sources, {.duration_s = exposure_s}, {.image = ++images, .purpose = "frame"}, frame);
   }
@@ -71,6 +72,7 @@ class RenderedSky {
   render::Renderer renderer;
   ImageU16 frame;
   std::vector<render::RenderedSource> sources;
+  std::vector<sky::SkySource> extra;  // seen as well
   double max_v_mag = 10.0;
   std::uint64_t images = 0;
 

@@ -12,6 +12,7 @@ namespace astronav::vision {
 namespace {
 
 constexpr std::size_t kMaxStarsInCone = 8192;
+constexpr double kConeMarginRad = 0.01;  // aberration, motion, a rough attitude
 constexpr std::size_t kMaxLinks = 32768;
 constexpr std::size_t kMaxCandidates = 256;  // of one triple of spots
 constexpr int kConfirmSpots = 120;
@@ -48,9 +49,12 @@ Identifier::Identifier(const StarField& field, const PairIndex& index, const Int
   spot_C_.reserve(max_spots);
   turned_.reserve(settings.parity == Parity::as_seen ? 0 : max_spots);
   next_.reserve(max_spots);
+  on_star_.reserve(max_spots);
   asterism_.reserve(static_cast<std::size_t>(settings.asterism_spots));
   stars_.reserve(kMaxStarsJudged);
   cone_.resize(kMaxStarsInCone);
+  cone_radius_rad_ = camera.half_diagonal_rad() * (1.0 + settings.focal_uncertainty) + kConeMarginRad;
+  by_brightness_.reserve(kMaxStarsInCone);
   sights_.reserve(kMaxStarsJudged);
   sight_star_.reserve(kMaxStarsJudged);
   numbers_.reserve(kMaxStarsJudged);

@@ -74,6 +74,8 @@ class Identifier {
   // `radius_px`: how far off the prior may put the stars. no_match where it does not hold.
   Result<Identification> track(std::span<const Centroid> spots, const Observer& observer, const Mat3& prior_R_CN,
                                double radius_px, std::span<MatchedStar> matches);
+  // Of the last answer: spots that lie on a catalogue star of their brightness, whether it took part in the fit or not.
+  std::span<const unsigned char> on_star() const { return on_star_; }
 
  private:
   struct Star {
@@ -121,6 +123,8 @@ class Identifier {
             std::size_t enough);
   void drop_mixed(std::span<const Centroid> spots);
   void drop_wrong_brightness(std::span<const Centroid> spots);
+  double zero_point(const Star& star, std::span<const Centroid> spots) const;
+  void mark_stars(std::span<const Centroid> spots, double radius_px);
   double unexplained_sigma_px();
   Result<AttitudeFit> fit(const AttitudeFit& start, AttitudeOptions options);
   std::optional<AttitudeFit> fit_bent(const AttitudeFit& start, const AttitudeFit& straight, AttitudeOptions& options);
@@ -136,6 +140,7 @@ class Identifier {
   double pixel_rad_ = 0.0;
   bool mirrored_ = false;       // tried just now
   std::int64_t looked_at_ = 0;  // entries of the pair index
+  double zero_point_ = 0.0;     // of the stars' magnitudes, NaN where too few tell it
   double expected_ = 0.0;       // chance hypotheses among all that were looked up
 
   std::vector<Centroid> turned_;           // a mirrored picture's spots, turned right
@@ -146,8 +151,15 @@ class Identifier {
   int grid_width_ = 0, grid_height_ = 0;
   std::vector<Star> stars_;
   std::vector<std::uint32_t> cone_;
+  double cone_radius_rad_ = 0.0;
+  struct Bright {
+    float v_mag;
+    std::uint32_t star;
+  };
+  std::vector<Bright> by_brightness_;
   std::vector<StarSight> sights_;
   std::vector<std::uint32_t> sight_star_;
+  std::vector<unsigned char> on_star_;
   std::vector<double> numbers_;     // for medians
   std::vector<std::int32_t> head_;  // of each index star: chain of partners for one side of the triangle
   std::vector<std::uint32_t> stamp_;

@@ -2,6 +2,7 @@
 // The second half of the Identifier: a hypothesis is judged by all catalogue stars in the field.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "onboard/vision/identify.h"
@@ -12,6 +13,8 @@ namespace {
 
 // A net of this many sigma misses one star in ten thousand.
 constexpr double kNetSigma = 4.3;
+// A spot on a star is that star if its light differs by less than this, which colours and blends explain.
+constexpr double kSameStarMag = 1.0;
 // While the net is wide: enough to see which stars belong to each other.
 constexpr int kRoughIterations = 3;
 // Median of chi-square with two degrees of freedom.
@@ -35,15 +38,19 @@ double chance_of_matches(int spots, int matched, double p) {
 // The brightest stars of the field: some more than there are spots.
 void Identifier::gather_stars(const Mat3& R_CN, const Observer& observer, std::size_t spots) {
   const Vec3 boresight = R_CN.row(2).transpose();
-  const std::size_t found = field_.cone(boresight, camera_.half_diagonal_rad() + 0.01, cone_);
+  const std::size_t found = field_.cone(boresight, cone_radius_rad_, cone_);
   const std::size_t wanted = std::min({found, kMaxStarsJudged, spots + spots / 2 + 30, 3 * spots + 10});
   const std::span<const FieldStar> all = field_.stars();
-  std::partial_sort(cone_.begin(), cone_.begin() + static_cast<std::ptrdiff_t>(wanted),
-                    cone_.begin() + static_cast<std::ptrdiff_t>(found),
-                    [&](std::uint32_t a, std::uint32_t b) { return all[a].v_mag < all[b].v_mag; });
+  by_brightness_.clear();
+  for (std::size_t i = 0; i < found; ++i) by_brightness_.push_back({all[cone_[i]].v_mag, cone_[i]});
+  const auto brighter = [](const Bright& a, const Bright& b) { return a.v_mag < b.v_mag; };
+  const auto end = by_brightness_.begin() + static_cast<std::ptrdiff_t>(wanted);
+  if (wanted < found) std::nth_element(by_brightness_.begin(), end, by_brightness_.end(), brighter);
+  std::sort(by_brightness_.begin(), end, brighter);
   stars_.clear();
-  for (std::size_t i = 0; i < wanted; ++i)
-    stars_.push_back({.direction_N = field_.apparent(all[cone_[i]], observer), .field = cone_[i], .pixel = {}});
+  const ApparentPlaces places(field_, observer);
+  for (auto star = by_brightness_.begin(); star != end; ++star)
+    stars_.push_back({.direction_N = places.of(all[star->star]), .field = star->star, .pixel = {}});
 }
 
 // Pairs every star, bright ones first, with the nearest spot, until there are `enough`. Fills sights_; returns their
@@ -143,26 +150,42 @@ void Identifier::drop_mixed(std::span<const Centroid> spots) {
   sight_star_.resize(kept);
 }
 
+// V + 2.5 log10 of the light: the same for all stars, but for their colours.
+double Identifier::zero_point(const Star& star, std::span<const Centroid> spots) const {
+  return field_.stars()[star.field].v_mag + 2.5 * std::log10(std::max(spots[star.spot].flux_dn, 1e-6));
+}
+
 // A star much fainter or brighter than the spot it was paired with is another one; a planet in front of it, say.
 void Identifier::drop_wrong_brightness(std::span<const Centroid> spots) {
+  zero_point_ = std::numeric_limits<double>::quiet_NaN();
   if (!(settings_.brightness_gate_mag > 0.0) || sights_.size() < 5) return;
-  const auto zero_point = [&](std::size_t i) {
-    const Star& star = stars_[sight_star_[i]];
-    return field_.stars()[star.field].v_mag + 2.5 * std::log10(std::max(spots[star.spot].flux_dn, 1e-6));
-  };
   numbers_.clear();
-  for (std::size_t i = 0; i < sights_.size(); ++i) numbers_.push_back(zero_point(i));
+  for (const std::uint32_t k : sight_star_) numbers_.push_back(zero_point(stars_[k], spots));
   const auto middle = numbers_.begin() + static_cast<std::ptrdiff_t>(numbers_.size() / 2);
   std::nth_element(numbers_.begin(), middle, numbers_.end());
-  const double median = *middle;
+  zero_point_ = *middle;
   std::size_t kept = 0;
   for (std::size_t i = 0; i < sights_.size(); ++i) {
-    if (std::abs(zero_point(i) - median) > settings_.brightness_gate_mag) continue;
+    if (std::abs(zero_point(stars_[sight_star_[i]], spots) - zero_point_) > settings_.brightness_gate_mag) continue;
     sights_[kept] = sights_[i];
     sight_star_[kept++] = sight_star_[i];
   }
   sights_.resize(kept);
   sight_star_.resize(kept);
+}
+
+// Doubles that were left out of the fit are stars all the same. All stars of the field count that may be as bright as
+// the faintest spot, and each has the spot nearest to it.
+void Identifier::mark_stars(std::span<const Centroid> spots, double radius_px) {
+  on_star_.assign(spots.size(), 0);
+  for (std::size_t i = 0; i < sights_.size(); ++i)
+    if (sights_[i].used) on_star_[stars_[sight_star_[i]].spot] = 1;
+  for (const Star& star : stars_) {
+    if (!star.visible || star.spot < 0) continue;
+    if ((spots[star.spot].pixel.vec() - star.pixel.vec()).norm() > radius_px) continue;
+    if (std::abs(zero_point(star, spots) - zero_point_) > kSameStarMag) continue;
+    on_star_[star.spot] = 1;
+  }
 }
 
 // Noise an axis beyond what the covariances tell, from the median of what is left; 0 where it may be chance. A camera
@@ -300,6 +323,8 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   if (fitted.used < claim.min_matched) return false;
   const double by_chance = chance(spots, claim, radius);
   if (!(by_chance < settings_.max_chance)) return false;
+
+  mark_stars(spots, radius);
 
   AttitudeSolution& attitude = out.attitude;
   attitude.R_CN = fitted.R_CN;

@@ -8,6 +8,29 @@
 #include "foundation/math/rotation.h"
 
 namespace astronav::vision {
+namespace {
+
+// How many spots that are neither stars nor planets fall by chance on a pixel (and on a magnitude, where brightness is
+// used: those about as bright as the planet are counted). The planet itself is one of them, and half a spot stands for
+// what has not shown up in this frame.
+double clutter_density(const PlanetPrediction& prediction, const Intrinsics& camera, std::span<const Centroid> spots,
+                       std::span<const unsigned char> is_star) {
+  constexpr double kHalfSpot = 0.5, kAboutAsBrightMag = 1.5;
+  const double area = static_cast<double>(camera.width_px) * camera.height_px;
+  const bool by_brightness = prediction.expected_flux_dn > 0.0;
+  int alike = 0;
+  for (std::size_t i = 0; i < spots.size(); ++i) {
+    if (is_star[i]) continue;
+    if (by_brightness &&
+        std::abs(2.5 * std::log10(std::max(spots[i].flux_dn, 1e-3) / prediction.expected_flux_dn)) > kAboutAsBrightMag)
+      continue;
+    ++alike;
+  }
+  const double others = std::max(alike - 1, 0) + kHalfSpot;
+  return by_brightness ? others / (area * 2.0 * kAboutAsBrightMag) : others / area;
+}
+
+}  // namespace
 
 Result<PredictedPixel> predict_pixel(const PlanetPrediction& prediction, const AttitudeSolution& attitude) {
   const Vec3 direction_C = attitude.R_CN * prediction.direction_N;
@@ -28,33 +51,50 @@ PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSoluti
   const Result<PredictedPixel> predicted = predict_pixel(prediction, attitude);
   if (!predicted) return match;
   match.predicted = predicted->pixel;
-  double best = -1.0, second = -1.0;  // likelihoods; the densities' common factors are left out
+  const double clutter = clutter_density(prediction, attitude.intrinsics, spots, is_star);
+  double best = 0.0, sum = 0.0;  // likelihoods, as densities by the same
   for (std::size_t i = 0; i < spots.size(); ++i) {
     if (is_star[i]) continue;
     const Mat2 covariance = predicted->covariance_px2 + spots[i].covariance_px2;
     const Vec2 innovation = spots[i].pixel.vec() - predicted->pixel.vec();
     const double d2 = innovation.dot(covariance.inverse() * innovation);
     if (!(d2 < settings.gate_d2)) continue;
-    double exponent = -0.5 * d2;
+    double exponent = -0.5 * d2, scale = 2.0 * kPi * std::sqrt(covariance.determinant());
     if (prediction.expected_flux_dn > 0.0) {
       const double difference_mag = -2.5 * std::log10(std::max(spots[i].flux_dn, 1e-3) / prediction.expected_flux_dn);
       // What a saturated spot holds is known only from its wings.
-      const double sigma = settings.brightness_sigma_mag * (spots[i].saturated ? 2.0 : 1.0);
-      if (std::abs(difference_mag) > settings.brightness_gate_mag * (spots[i].saturated ? 2.0 : 1.0)) continue;
+      const double wider = spots[i].saturated ? settings.saturated_factor : 1.0;
+      const double sigma = settings.brightness_sigma_mag * wider;
+      if (std::abs(difference_mag) > settings.brightness_gate_mag * wider) continue;
       exponent -= 0.5 * difference_mag * difference_mag / (sigma * sigma);
+      scale *= std::sqrt(2.0 * kPi) * sigma;
     }
-    const double likelihood = std::exp(exponent) / std::sqrt(covariance.determinant());
-    if (likelihood > best) {
-      second = best;
-      best = likelihood;
-      match.centroid = static_cast<std::uint32_t>(i);
-      match.mahalanobis = d2;
-    } else if (likelihood > second) {
-      second = likelihood;
-    }
+    const double likelihood = std::exp(exponent) / scale;
+    sum += likelihood;
+    if (likelihood <= best) continue;
+    best = likelihood;
+    match.centroid = static_cast<std::uint32_t>(i);
+    match.mahalanobis = d2;
   }
-  match.found = best > 0.0 && (second <= 0.0 || best > settings.ambiguity * second);
+  if (best > 0.0)
+    match.probability = settings.detection * best / (settings.detection * sum + (1.0 - settings.detection) * clutter);
+  match.found = match.probability >= settings.min_probability;
   return match;
+}
+
+bool PlanetMemory::agrees(BodyId body, const Vec3& direction_N, double sigma_rad, Epoch epoch,
+                          const PlanetSettings& settings) {
+  const Sighting now{body, direction_N, sigma_rad, epoch};
+  for (Sighting& last : seen_) {
+    if (last.body != body) continue;
+    const double seconds = std::abs((epoch - last.epoch).seconds());
+    const double allowed = 5.0 * std::hypot(sigma_rad, last.sigma_rad) + settings.max_rate_rad_s * seconds;
+    const bool good = seconds > settings.memory_s || (direction_N - last.direction_N).norm() < allowed;
+    last = now;
+    return good;
+  }
+  if (seen_.size() < seen_.capacity()) seen_.push_back(now);
+  return true;
 }
 
 }  // namespace astronav::vision

@@ -5,8 +5,6 @@
 #include <cmath>
 
 #include "foundation/math/rotation.h"
-#include "models/aberration/aberration.h"
-#include "models/ephemeris/bodies.h"
 
 namespace astronav::vision {
 namespace {
@@ -98,11 +96,7 @@ std::int32_t StarField::nearest(const Vec3& direction_N, double radius_rad, doub
 }
 
 Vec3 StarField::apparent(const FieldStar& star, const Observer& observer) const {
-  const double years = (observer.epoch - epoch_).seconds() / (365.25 * 86400.0);
-  Vec3 direction = star.direction_N + star.motion_rad_yr.cast<double>() * years -
-                   observer.p_O_N * (static_cast<double>(star.parallax_rad) / kAstronomicalUnit);
-  direction.normalize();
-  return aberrate(direction, observer.v_O_N);
+  return ApparentPlaces(*this, observer).of(star);
 }
 
 }  // namespace astronav::vision

@@ -12,6 +12,7 @@
 #include "foundation/base/error.h"
 #include "foundation/math/linear.h"
 #include "foundation/time/epoch.h"
+#include "models/aberration/aberration.h"
 #include "models/stars/catalogue.h"
 
 namespace astronav::vision {
@@ -56,6 +57,28 @@ class StarField {
   std::vector<std::uint32_t> first_;  // of each cell, and the end
   int cells_ = 1;                     // along an edge
   Epoch epoch_;
+};
+
+// apparent() of many stars: what they share is computed once.
+class ApparentPlaces {
+ public:
+  ApparentPlaces(const StarField& field, const Observer& observer)
+      : years_((observer.epoch - field.epoch()).seconds() / kJulianYearS),
+        p_au_(observer.p_O_N / kMetresPerAu),
+        aberration_(observer.v_O_N) {}
+  Vec3 of(const FieldStar& star) const {
+    const Vec3 at =
+        star.direction_N + star.motion_rad_yr.cast<double>() * years_ - p_au_ * static_cast<double>(star.parallax_rad);
+    const auto [x, y, z] = aberration_.apparent(at.x(), at.y(), at.z());
+    return {x, y, z};
+  }
+
+ private:
+  static constexpr double kJulianYearS = 365.25 * 86400.0;
+  static constexpr double kMetresPerAu = 149597870700.0;  // IAU 2012 B2
+  double years_;
+  Vec3 p_au_;
+  Aberration aberration_;
 };
 
 }  // namespace astronav::vision

@@ -10,6 +10,17 @@
 
 namespace astronav::vision {
 
+// What a spot of light looks like. Only points (a star, a planet, saturated ones and bloomed ones too) go on to
+// identification.
+enum class SpotKind : unsigned char {
+  point,
+  hot_pixel,   // sharper than any star, and in the last frame at the same pixel
+  cosmic_ray,  // sharper than any star, or than it is long
+  streak,      // something that moved among the stars
+  column,      // one or two columns wide, and long
+  extended,    // wider than the point-spread function in every direction
+};
+
 // A spot of light before anybody knows what it is.
 struct Centroid {
   Pixel pixel;
@@ -21,6 +32,7 @@ struct Centroid {
   double snr = 0.0;
   int pixels = 0;  // in the connected region
   bool saturated = false;
+  SpotKind kind = SpotKind::point;
 };
 
 struct MatchedStar {
@@ -59,6 +71,7 @@ struct PlanetMatch {
   std::uint32_t centroid = 0;
   Pixel predicted;
   double mahalanobis = 0.0;  // d^2 of the innovation
+  double probability = 0.0;  // that this spot is the body, and not another spot or none
   bool found = false;
 };
 

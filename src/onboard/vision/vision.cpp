@@ -12,6 +12,14 @@ double now_ms() {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+// Not the companion's own spot: Earth and Moon are 4.8 mag apart.
+bool as_bright(const Centroid& spot, const PlanetPrediction& prediction) {
+  return !(prediction.expected_flux_dn > 0.0) ||
+         std::abs(std::log10(std::max(spot.flux_dn, 1e-3) / prediction.expected_flux_dn)) < 1.0;
+}
+
+constexpr double kSteadyPx = 0.1;  // no spot is asked to be steadier
+
 IdentifySettings with_psf(IdentifySettings settings, const SensorModel& sensor) {
   settings.psf_sigma_px = sensor.psf_sigma_px;
   return settings;
@@ -25,7 +33,8 @@ Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const S
       psf_sigma_px_(sensor.psf_sigma_px),
       finder_(settings.centroids, sensor, camera.width_px, camera.height_px),
       identifier_(field, index, camera, with_psf(settings.identify, sensor),
-                  static_cast<std::size_t>(settings.centroids.max_centroids)) {
+                  static_cast<std::size_t>(settings.centroids.max_centroids)),
+      memory_(settings.max_planets) {
   const auto spots = static_cast<std::size_t>(settings.centroids.max_centroids);
   centroids_.resize(spots);
   stars_.resize(spots);
@@ -61,7 +70,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   const double identified = now_ms();
 
   std::fill(is_star_.begin(), is_star_.end(), static_cast<unsigned char>(0));
-  for (const MatchedStar& star : result_.stars) is_star_[star.centroid] = 1;
+  if (known) std::copy(identifier_.on_star().begin(), identifier_.on_star().end(), is_star_.begin());
   for (std::size_t i = 0; i < predictions.size(); ++i) {
     planets_[i] = PlanetMatch{};
     planets_[i].body = predictions[i].body;
@@ -69,6 +78,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     if (predictions[i].companion_flux_dn > 0.0) part_from_companion(frame, predictions[i]);
     planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
                               std::span<const unsigned char>(is_star_.data(), spots), settings_.planets);
+    if (planets_[i].found) planets_[i].found = stayed(planets_[i], observer.epoch);
     if (!planets_[i].found) continue;
     is_star_[planets_[i].centroid] = 1;
     Centroid& spot = centroids_[planets_[i].centroid];
@@ -81,6 +91,18 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   return result_;
 }
 
+// Where the spot lies among the stars, against the last frame that showed the body.
+bool Vision::stayed(const PlanetMatch& match, Epoch epoch) {
+  const Centroid& spot = centroids_[match.centroid];
+  const AttitudeSolution& attitude = result_.attitude;
+  const Result<Vec3> direction_C = unproject(attitude.intrinsics, spot.pixel);
+  if (!direction_C) return false;
+  const double centroid = std::hypot(std::sqrt(0.5 * spot.covariance_px2.trace()), spot.repeating_sigma_px);
+  const double sigma = std::hypot(std::max(centroid, kSteadyPx) * attitude.intrinsics.plate_scale_rad_px(),
+                                  std::sqrt(attitude.covariance_rad2.trace()));
+  return memory_.agrees(match.body, attitude.R_CN.transpose() * *direction_C, sigma, epoch, settings_.planets);
+}
+
 // A disc lit from one side is skew: its third cumulant along the Sun's direction is up to 0.013 R^3 (Lambert). At x
 // from the centre a Gaussian's wing then seems shifted by 0.013 R^3 x^2 / (6 sigma^4); the wings of a saturated spot
 // are seen at 3 to 4 sigma.
@@ -90,8 +112,8 @@ double Vision::repeating_of_disc(const PlanetPrediction& prediction) const {
   return kShift * radius_px * radius_px * radius_px / (psf_sigma_px_ * psf_sigma_px_);
 }
 
-// The spot nearest to the prediction is measured again with the companion's light taken away: blended, it would be off
-// by more than its covariance says, and be refused.
+// The spot nearest to the prediction that may be it is measured again with the companion's light taken away: blended,
+// it would be off by more than its covariance says, and be refused.
 void Vision::part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction) {
   constexpr double kNearPx = 4.0;        // a blended centroid lies this near to the planet
   constexpr double kCompanionPx = 20.0;  // beyond it the light does not reach the window
@@ -105,7 +127,7 @@ void Vision::part_from_companion(ImageView<const std::uint16_t> frame, const Pla
   std::size_t nearest = result_.centroids.size();
   double least = std::max(kNearPx, 3.0 * sigma_px);
   for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
-    if (is_star_[i]) continue;
+    if (is_star_[i] || !as_bright(result_.centroids[i], prediction)) continue;
     const double distance = (result_.centroids[i].pixel.vec() - planet->pixel.vec()).norm();
     if (distance < least) {
       least = distance;

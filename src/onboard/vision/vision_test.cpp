@@ -198,6 +198,8 @@ TEST(Vision, FindsPlanetsWhereTheyArePredicted) {
       predictions[i] = prediction_of(i == 0 ? body::jupiter : body::mars, (direction + kSigma * off).normalized(),
                                      kSigma, planets[i].electrons, truth);
     }
+    // Another sky altogether: what was seen an hour ago is forgotten.
+    scene.observer.epoch = scene.observer.epoch + Duration::days(k);
     const FrameResult& result = vision.process(scene.image, scene.observer, {}, predictions);
     ASSERT_EQ(result.planets.size(), 2u);
     for (int i = 0; i < 2; ++i) {
@@ -244,6 +246,47 @@ TEST(Vision, NoAttitudeFromNonsense) {
     expose(electrons, truth, random, image);
     EXPECT_EQ(vision.process(image, moving()).source, AttitudeSource::none) << k;
   }
+}
+
+TEST(Planets, ASpotThatJumpsIsNotBelievedOnce) {
+  PlanetMemory memory(4);
+  const PlanetSettings settings;
+  const Epoch start = Epoch::tdb_seconds(9e8);
+  const Vec3 here(1.0, 0.0, 0.0), there = Vec3(1.0, 1e-3, 0.0).normalized();
+  const auto after = [&](double s) { return start + Duration::seconds(s); };
+  constexpr double kSigma = 1e-6;
+  EXPECT_TRUE(memory.agrees(body::mars, here, kSigma, after(0), settings));
+  EXPECT_TRUE(memory.agrees(body::mars, Vec3(1.0, 5e-5, 0.0).normalized(), kSigma, after(100), settings));
+  EXPECT_TRUE(memory.agrees(body::venus, there, kSigma, after(100), settings));
+  EXPECT_FALSE(memory.agrees(body::mars, there, kSigma, after(200), settings));
+  EXPECT_TRUE(memory.agrees(body::mars, there, kSigma, after(300), settings));  // it persists
+  EXPECT_TRUE(memory.agrees(body::mars, here, kSigma, after(1e5), settings));   // long forgotten
+}
+
+// The odds of one spot against another, and against none.
+TEST(Planets, ProbabilityWeighsSpotsAndTheirAbsence) {
+  AttitudeSolution attitude;
+  attitude.intrinsics = camera20();
+  PlanetPrediction mars;
+  mars.body = body::mars;
+  mars.direction_N = Vec3::UnitZ();
+  mars.direction_covariance = Mat3::Identity() * 1e-6;  // 2.9 px
+  Centroid spot;
+  spot.pixel = {512.5, 511.5};
+  spot.covariance_px2 = Mat2::Identity() * 1e-4;
+  Centroid other = spot;
+  other.pixel.u += 2.0;
+  const std::vector<Centroid> one{spot}, two{spot, other};
+  const std::vector<unsigned char> none{0, 0}, star{0, 1};
+  EXPECT_TRUE(find_planet(mars, attitude, one, std::span(none).first(1)).found);
+  const PlanetMatch torn = find_planet(mars, attitude, two, none);
+  EXPECT_FALSE(torn.found);
+  EXPECT_GT(torn.probability, 0.5);
+  EXPECT_LT(torn.probability, 0.7);
+  EXPECT_TRUE(find_planet(mars, attitude, two, star).found);
+  // A gate as wide as the frame: the spot may as well be something else.
+  mars.direction_covariance *= 1e4;
+  EXPECT_FALSE(find_planet(mars, attitude, one, std::span(none).first(1)).found);
 }
 
 TEST(PairIndex, FindsEveryPairAndRefusesBrokenBytes) {
