@@ -62,12 +62,13 @@ PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSoluti
     double exponent = -0.5 * d2, scale = 2.0 * kPi * std::sqrt(covariance.determinant());
     if (prediction.expected_flux_dn > 0.0) {
       const double difference_mag = -2.5 * std::log10(std::max(spots[i].flux_dn, 1e-3) / prediction.expected_flux_dn);
-      // What a saturated spot holds is known only from its wings.
-      const double wider = spots[i].saturated ? settings.saturated_factor : 1.0;
-      const double sigma = settings.brightness_sigma_mag * wider;
-      if (std::abs(difference_mag) > settings.brightness_gate_mag * wider) continue;
+      const bool lost = spots[i].saturated && difference_mag > 0.0;
+      const double sigma = lost ? settings.saturated_sigma_mag : settings.brightness_sigma_mag;
+      if (std::abs(difference_mag) > (lost ? settings.saturated_gate_mag : settings.brightness_gate_mag)) continue;
       exponent -= 0.5 * difference_mag * difference_mag / (sigma * sigma);
-      scale *= std::sqrt(2.0 * kPi) * sigma;
+      // Two halves of different width.
+      const double other = spots[i].saturated ? settings.saturated_sigma_mag : settings.brightness_sigma_mag;
+      scale *= std::sqrt(2.0 * kPi) * 0.5 * (settings.brightness_sigma_mag + other);
     }
     const double likelihood = std::exp(exponent) / scale;
     sum += likelihood;

@@ -18,8 +18,9 @@ struct PlanetSettings {
   double gate_d2 = 18.4;              // chi-square, 2 degrees of freedom, 99.99 %
   double brightness_sigma_mag = 0.5;  // of predicted against measured
   double brightness_gate_mag = 2.5;
-  // Both are so many times as wide for saturated spots. With pictures of unknown cameras nothing better is known.
-  double saturated_factor = 2.0;
+  // A saturated spot may hold far more light than its wings tell.
+  double saturated_sigma_mag = 2.0;
+  double saturated_gate_mag = 6.0;
   double detection = 0.98;  // share of predicted planets that have a spot of their own
   double min_probability = 0.999;
   // A body does not jump: from one frame to the next it moves by less than this against the stars, or neither is

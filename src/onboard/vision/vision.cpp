@@ -12,10 +12,11 @@ double now_ms() {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// Not the companion's own spot: Earth and Moon are 4.8 mag apart.
+// A saturated spot may hold more light than it tells, but not less.
 bool as_bright(const Centroid& spot, const PlanetPrediction& prediction) {
-  return !(prediction.expected_flux_dn > 0.0) ||
-         std::abs(std::log10(std::max(spot.flux_dn, 1e-3) / prediction.expected_flux_dn)) < 1.0;
+  if (!(prediction.expected_flux_dn > 0.0)) return true;
+  const double brighter = std::log10(std::max(spot.flux_dn, 1e-3) / prediction.expected_flux_dn);
+  return brighter < 0.8 && (spot.saturated || brighter > -1.0);  // 2 and 2.5 mag
 }
 
 constexpr double kSteadyPx = 0.1;  // no spot is asked to be steadier
@@ -75,7 +76,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     planets_[i] = PlanetMatch{};
     planets_[i].body = predictions[i].body;
     if (!known) continue;
-    if (predictions[i].companion_flux_dn > 0.0) part_from_companion(frame, predictions[i]);
+    if (predictions[i].companion_flux_dn > 0.0 && !part_from_companion(frame, predictions[i])) continue;
     planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
                               std::span<const unsigned char>(is_star_.data(), spots), settings_.planets);
     if (planets_[i].found) planets_[i].found = stayed(planets_[i], observer.epoch);
@@ -114,29 +115,30 @@ double Vision::repeating_of_disc(const PlanetPrediction& prediction) const {
 
 // The spot nearest to the prediction that may be it is measured again with the companion's light taken away: blended,
 // it would be off by more than its covariance says, and be refused.
-void Vision::part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction) {
+bool Vision::part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction) {
   constexpr double kNearPx = 4.0;        // a blended centroid lies this near to the planet
   constexpr double kCompanionPx = 20.0;  // beyond it the light does not reach the window
   const Result<PredictedPixel> planet = predict_pixel(prediction, result_.attitude);
   const Result<Pixel> companion =
       project(result_.attitude.intrinsics, result_.attitude.R_CN * prediction.companion_direction_N);
-  if (!planet || !companion) return;
+  if (!planet || !companion) return true;
   const Companion beside{companion->vec() - planet->pixel.vec(), prediction.companion_flux_dn};
-  if (beside.offset_px.norm() > kCompanionPx) return;
+  if (beside.offset_px.norm() > kCompanionPx) return true;
   const double sigma_px = std::sqrt(planet->covariance_px2.trace());
-  std::size_t nearest = result_.centroids.size();
+  const bool brighter = prediction.expected_flux_dn > prediction.companion_flux_dn;
+  std::size_t chosen = result_.centroids.size();
   double least = std::max(kNearPx, 3.0 * sigma_px);
   for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
     if (is_star_[i] || !as_bright(result_.centroids[i], prediction)) continue;
     const double distance = (result_.centroids[i].pixel.vec() - planet->pixel.vec()).norm();
-    if (distance < least) {
-      least = distance;
-      nearest = i;
-    }
+    if (distance >= least) continue;
+    chosen = i;
+    if (brighter) break;  // the brightest spot comes first
+    least = distance;
   }
-  if (nearest == result_.centroids.size()) return;
-  const Pixel guess = sigma_px < 1.0 ? planet->pixel : centroids_[nearest].pixel;
-  finder_.measure_beside(frame, result_.level, guess, beside, centroids_[nearest]);
+  if (chosen == result_.centroids.size()) return true;
+  const Pixel guess = sigma_px < 1.0 ? planet->pixel : centroids_[chosen].pixel;
+  return finder_.measure_beside(frame, result_.level, guess, beside, centroids_[chosen]);
 }
 
 }  // namespace astronav::vision

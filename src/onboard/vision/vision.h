@@ -22,8 +22,8 @@ namespace astronav::vision {
 struct VisionSettings {
   CentroidSettings centroids;
   IdentifySettings identify;
-  PlanetSettings planets{.saturated_factor = 1.2};  // the wings of a known camera tell the light to 20 %
-  double prior_radius_px = 15.0;                    // how far off a prior attitude may put the stars
+  PlanetSettings planets;
+  double prior_radius_px = 15.0;  // how far off a prior attitude may put the stars
   std::size_t max_planets = 16;
 };
 
@@ -59,7 +59,8 @@ class Vision {
   // What a disc, fitted as a point, adds to the error that repeats.
   double repeating_of_disc(const PlanetPrediction& prediction) const;
   bool stayed(const PlanetMatch& match, Epoch epoch);
-  void part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction);
+  // False where that is needed and fails.
+  bool part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction);
 
   VisionSettings settings_;
   double psf_sigma_px_;
