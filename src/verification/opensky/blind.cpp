@@ -17,7 +17,8 @@ constexpr double kListStep = 1.25;
 // Of the shorter side of the field: how densely stars and spots are taken for shapes, and how large those are.
 constexpr double kSpread = 0.3;
 constexpr int kInSpread = 4;
-constexpr double kReach = 0.4;
+constexpr double kReach = 0.5;
+constexpr int kNeighbours = 7;
 constexpr double kLeastSize = 0.1, kLargestSize = 0.8;
 
 constexpr double kRung = 1.45;  // widest field of a step over the narrowest
@@ -67,11 +68,11 @@ Mat3 pair_axes(const Vec3& p, const Vec3& q) {
 class BlindSearch::Attempt {
  public:
   Attempt(const vision::StarField& field, std::span<const vision::Centroid> spots, int width, int height,
-          const vision::Observer& observer, const BlindSettings& settings)
-      : field_(field), observer_(observer), settings_(settings), shorter_px_(std::min(width, height)) {
+          const vision::Observer& observer, const BlindSettings& settings, std::size_t shape_spots, double tried)
+      : field_(field), observer_(observer), settings_(settings), shorter_px_(std::min(width, height)), tried_(tried) {
     for (std::vector<vision::Centroid>& side : spots_) side.assign(spots.begin(), spots.end());
     for (vision::Centroid& spot : spots_[1]) spot.pixel.u = width - 1 - spot.pixel.u;
-    chosen_ = spread_spots(spots, kSpread * shorter_px_, settings.spots);
+    chosen_ = spread_spots(spots, kSpread * shorter_px_, shape_spots);
 
     // A blurred spot's centre is no better than a part of its width.
     std::vector<int> sizes;
@@ -100,6 +101,8 @@ class BlindSearch::Attempt {
              camera_.distortion.p1 == 0.0 && camera_.distortion.p2 == 0.0;
   }
 
+  double tried() const { return tried_; }
+
   // One step of the ladder.
   bool climb(const FieldRange& range, const Shapes& shapes, BlindSolution& out) {
     shapes_ = &shapes;
@@ -114,7 +117,7 @@ class BlindSearch::Attempt {
     net_px_ = camera_.width_px * std::clamp(0.005 + 0.1 * corner2, 0.005, 0.015);
     needed_ = hits_needed();
     const double spread = std::log(focal_max_ / focal_min_);
-    const int focals = std::max(1, static_cast<int>(std::ceil(0.5 * spread * corner2 / 0.006)));
+    const int focals = std::max(1, static_cast<int>(std::ceil(0.5 * spread * corner2 / 0.01)));
     for (int k = 0; k < focals; ++k) {
       if (look(focal_min_ * std::exp(spread * (k + 0.5) / focals), out)) return true;
     }
@@ -312,7 +315,7 @@ class BlindSearch::Attempt {
   double tolerance_ = 0.0;  // of shapes
   double net_px_ = 0.0;     // star to spot, for a fresh hypothesis
   int needed_ = 0;
-  double tried_ = 0.0;
+  double tried_;  // hypotheses, those of attempts before among them
 };
 
 BlindSearch::BlindSearch(const vision::StarField& field) : field_(field), by_brightness_(field.stars().size()) {
@@ -334,7 +337,7 @@ const BlindSearch::Shapes& BlindSearch::shapes(double shorter_fov_rad) {
   slot = std::make_unique<Shapes>();
   slot->stars = field_.subset(
       even_stars(field_, by_brightness_, kSpread * fov, kInSpread, static_cast<std::size_t>(6.0 * wanted)));
-  slot->quads = QuadIndex(slot->stars, {.radius_rad = kReach * fov});
+  slot->quads = QuadIndex(slot->stars, {.radius_rad = kReach * fov, .neighbours = kNeighbours});
   lists_ms_ += now_ms() - begin;
   return *slot;
 }
@@ -346,13 +349,19 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
     return fail(ErrorCode::no_match, "{0} spots of light are too few", {static_cast<double>(spots.size())});
   BlindSolution out;
   lists_ms_ = 0.0;
-  Attempt attempt(field_, spots, width, height, observer, settings);
-  for (const FieldRange& rung : ladder(range)) {
-    const double middle = std::sqrt(rung.min_rad * rung.max_rad);
-    const double shorter_fov = 2.0 * std::atan(std::tan(0.5 * middle) * std::min(width, height) / width);
-    const bool found = attempt.climb(rung, shapes(shorter_fov), out);
-    out.lists_ms = lists_ms_;
-    if (found) return out;
+  // Few spots first; many where most of those are no stars.
+  double tried = 0.0;
+  for (const std::size_t shape_spots : {settings.spots, settings.spots * 3 / 2}) {
+    Attempt attempt(field_, spots, width, height, observer, settings, shape_spots, tried);
+    for (const FieldRange& rung : ladder(range)) {
+      const double middle = std::sqrt(rung.min_rad * rung.max_rad);
+      const double shorter_fov = 2.0 * std::atan(std::tan(0.5 * middle) * std::min(width, height) / width);
+      const bool found = attempt.climb(rung, shapes(shorter_fov), out);
+      out.lists_ms = lists_ms_;
+      if (found) return out;
+    }
+    if (spots.size() <= settings.spots) break;
+    tried = attempt.tried();
   }
   return fail(ErrorCode::no_match, "{0} spots, and no part of the sky that they fit",
               {static_cast<double>(spots.size())});

@@ -29,9 +29,9 @@ struct FieldRange {  // horizontal, rad
 };
 
 struct BlindSettings {
-  std::size_t spots = 24;          // the most certain, evenly spread, that make shapes
-  double match_px = 2.0;           // star to spot, at the end
-  double max_chance = 1e-6;        // that a solution is none, all hypotheses counted
+  std::size_t spots = 20;    // the most certain, evenly spread, that make shapes; half as many again at the second try
+  double match_px = 2.0;     // star to spot, at the end
+  double max_chance = 1e-6;  // that a solution is none, all hypotheses counted
   std::size_t judged_spots = 120;  // the most certain
   std::optional<Near> near{};
   // Of the picture's size: its lens is believed, and its focal length where that is known.

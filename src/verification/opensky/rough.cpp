@@ -54,9 +54,19 @@ class Search {
     }
   }
 
+  struct Pair {
+    double angle_rad;
+    std::size_t a, b;
+  };
   // Targets brightest first. The best of all pairs, and its chance, pairs and lists counted.
   double run(std::span<const Target> all, const Near& near, Mat3& R_CN) {
     double best = 1.0;
+    std::vector<Pair> pairs;
+    for (std::size_t a = 0; a < all.size(); ++a)
+      for (std::size_t b = a + 1; b < all.size(); ++b)
+        pairs.push_back({angle_between(all[a].direction_N, all[b].direction_N), a, b});
+    std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) { return x.angle_rad < y.angle_rad; });
+    const double tolerance = 1.5 * settings_.net_px * camera_.plate_scale_rad_px();
     for (const List& list : kLists) {
       const auto end = std::find_if(all.begin(), all.end(), [&](const Target& t) { return t.v_mag > list.v_mag; });
       const std::span<const Target> targets(all.begin(), end);
@@ -67,25 +77,25 @@ class Search {
         for (std::size_t j = 0; j < spots; ++j) {
           if (i == j || (spots_[i].pixel.vec() - spots_[j].pixel.vec()).norm() < kLeastPairPx) continue;
           const double angle = angle_between(seen_[i], seen_[j]);
-          for (std::size_t a = 0; a < targets.size(); ++a) {
-            for (std::size_t b = a + 1; b < targets.size(); ++b) {
-              const double off = angle_between(targets[a].direction_N, targets[b].direction_N) - angle;
-              if (std::abs(off) > 1.5 * settings_.net_px * camera_.plate_scale_rad_px()) continue;
-              if (!brightness_agrees(targets[a], spots_[i], targets[b], spots_[j])) continue;
-              const Mat3 R =
-                  pair_axes(seen_[i], seen_[j]) * pair_axes(targets[a].direction_N, targets[b].direction_N).transpose();
-              if (R.row(2).dot(near.direction_N) < std::cos(std::min(kPi, near.radius_rad))) continue;
-              ++tried;
-              int visible = 0;
-              const int hits = static_cast<int>(hits_of(targets, spots, R, visible).size()) - 2;
-              if (hits < 1) continue;
-              const double area = static_cast<double>(camera_.width_px) * camera_.height_px;
-              const double p = std::min(0.9, visible * kPi * settings_.net_px * settings_.net_px / area);
-              const double chance = binomial_tail(static_cast<int>(spots) - 2, hits, p);
-              if (chance < least) {
-                least = chance;
-                found = R;
-              }
+          auto pair = std::lower_bound(pairs.begin(), pairs.end(), angle - tolerance,
+                                       [](const Pair& p, double x) { return p.angle_rad < x; });
+          for (; pair != pairs.end() && pair->angle_rad < angle + tolerance; ++pair) {
+            const auto [ignored, a, b] = *pair;
+            if (a >= targets.size() || b >= targets.size()) continue;
+            if (!brightness_agrees(targets[a], spots_[i], targets[b], spots_[j])) continue;
+            const Mat3 R =
+                pair_axes(seen_[i], seen_[j]) * pair_axes(targets[a].direction_N, targets[b].direction_N).transpose();
+            if (R.row(2).dot(near.direction_N) < std::cos(std::min(kPi, near.radius_rad))) continue;
+            ++tried;
+            int visible = 0;
+            const int hits = static_cast<int>(hits_of(targets, spots, R, visible).size()) - 2;
+            if (hits < 1) continue;
+            const double area = static_cast<double>(camera_.width_px) * camera_.height_px;
+            const double p = std::min(0.9, visible * kPi * settings_.net_px * settings_.net_px / area);
+            const double chance = binomial_tail(static_cast<int>(spots) - 2, hits, p);
+            if (chance < least) {
+              least = chance;
+              found = R;
             }
           }
         }

@@ -15,8 +15,17 @@ namespace {
 struct Tiles {
   int width = 0, height = 0, size = 32;
   std::vector<float> level, spread;  // clipped mean and standard deviation
+  // One tile beyond the edge it goes on as it ran: a sky that grows brighter does so to its rim.
   float at(const std::vector<float>& values, int x, int y) const {
-    return values[static_cast<std::size_t>(std::clamp(y, 0, height - 1)) * width + std::clamp(x, 0, width - 1)];
+    const auto inside = [&](int i, int j) { return values[static_cast<std::size_t>(j) * width + i]; };
+    const auto along = [&](int j) {
+      if (x < 0) return width > 1 ? 2.0f * inside(0, j) - inside(1, j) : inside(0, j);
+      if (x >= width) return width > 1 ? 2.0f * inside(width - 1, j) - inside(width - 2, j) : inside(width - 1, j);
+      return inside(x, j);
+    };
+    if (y < 0) return height > 1 ? 2.0f * along(0) - along(1) : along(0);
+    if (y >= height) return height > 1 ? 2.0f * along(height - 1) - along(height - 2) : along(height - 1);
+    return along(y);
   }
   // Bilinear between the tiles' centres: of one pixel, and of a row from its first pixel on.
   float between(const std::vector<float>& values, int u, int v) const {
@@ -57,9 +66,8 @@ std::vector<float> median3(const Tiles& tiles, const std::vector<float>& values)
   for (int y = 0; y < tiles.height; ++y) {
     for (int x = 0; x < tiles.width; ++x) {
       near.clear();
-      for (int j = std::max(0, y - 1); j <= std::min(tiles.height - 1, y + 1); ++j)
-        for (int i = std::max(0, x - 1); i <= std::min(tiles.width - 1, x + 1); ++i)
-          near.push_back(values[static_cast<std::size_t>(j) * tiles.width + i]);
+      for (int j = y - 1; j <= y + 1; ++j)
+        for (int i = x - 1; i <= x + 1; ++i) near.push_back(tiles.at(values, i, j));
       out[static_cast<std::size_t>(y) * tiles.width + x] = middle_of(near);
     }
   }
@@ -88,7 +96,11 @@ Tiles measure(const ImageF& image, int size, float step) {
       const float median = middle_of(values);
       deviations.clear();
       for (const float value : values) deviations.push_back(std::abs(value - median));
-      const float limit = std::max(4.0f * 1.4826f * middle_of(deviations), 2.0f * step);
+      // Where more than half of the pixels are black, only what lies above them tells of noise.
+      const auto upper = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 84 / 100);
+      std::nth_element(values.begin(), upper, values.end());
+      const float above = values.empty() ? 0.0f : *upper - median;
+      const float limit = std::max(4.0f * std::max(1.4826f * middle_of(deviations), above), 2.0f * step);
       // In a picture of few grey levels the median jumps from level to level: the clipped mean does not.
       sums.assign(3 * static_cast<std::size_t>(size), 0.0f);
       float *count = sums.data(), *first = count + size, *second = first + size;  // of each column
