@@ -73,6 +73,21 @@ class ClientAgainstServer(unittest.TestCase):
         bright = expected.pixels < 2000
         self.assertLess(abs(electrons[bright].mean() - expected.pixels[bright].mean()), 0.2)
 
+    def test_refraction_bodies_and_scenes_that_cost_too_much(self):
+        settings = self.sky.set(observer="ground:50,10,100", refraction=True)
+        self.assertTrue(settings["refraction"])
+        scene = dict(epoch=EPOCH, attitude=astronav.pointing(84.0, 0.5), format="none")
+        self.sky.render(**scene)
+        for wrong, code in [
+            (dict(observer="mars"), "invalid_argument"),
+            (dict(bodies=[dict(id=2000433, h=10.4, g=0.46)]), "not_found"),
+            (dict(format="dn", max_v_mag=20, rate_deg_s=dict(x=0, y=70, z=0)), "limit_exceeded"),
+        ]:
+            with self.assertRaises(astronav.Error) as caught:
+                self.sky.render(**{**scene, **wrong})
+            self.assertEqual(caught.exception.code, code)
+        self.assertEqual(self.sky.welcome["limits"]["scene_work"], 2e8)
+
     def test_matrix_and_pointing_are_the_same_attitude(self):
         rng = np.random.default_rng(4)
         for _ in range(20):

@@ -15,6 +15,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/outputs.h"
 #include "cli/validators.h"
 #include "cli/wcs.h"
 #include "foundation/files/mapped_file.h"
@@ -110,6 +111,12 @@ Result<std::vector<opensky::NamedStar>> read_targets(const std::string& path) {
       lines.back() += c;
   }
   const std::vector<std::string> titles = cells_of(lines.front());
+  const char* needed[] = {"epoch_jyear", "ra_deg", "dec_deg", "parallax_mas", "pm_ra_cosdec_mas_yr", "pm_dec_mas_yr"};
+  for (const char* title : needed) {
+    if (std::find(titles.begin(), titles.end(), title) == titles.end())
+      return fail(ErrorCode::invalid_argument, "no list of stars: its first line names no column '{s}'", {}, path,
+                  title);
+  }
   std::vector<opensky::NamedStar> stars;
   for (std::size_t n = 1; n < lines.size(); ++n) {
     if (lines[n].find_first_not_of(" \r") == std::string::npos) continue;
@@ -126,7 +133,6 @@ Result<std::vector<opensky::NamedStar>> read_targets(const std::string& path) {
       return value->front();
     };
     double values[6];
-    const char* needed[] = {"epoch_jyear", "ra_deg", "dec_deg", "parallax_mas", "pm_ra_cosdec_mas_yr", "pm_dec_mas_yr"};
     for (int k = 0; k < 6; ++k) {
       const auto value = number(needed[k]);
       if (!value) return forward(value);
@@ -394,7 +400,23 @@ void tell(const Options& options, const Asked& asked, const opensky::Comparison&
   }
 }
 
+// Before the long work.
+Result<void> check_outputs(const Options& options) {
+  if (!options.out.empty() && !options.out.ends_with(".png"))
+    return fail(ErrorCode::invalid_argument, "'{s}' does not end in .png", {}, "--out", options.out);
+  for (const std::string& path : {options.out, options.save_camera}) {
+    if (path.empty()) continue;
+    if (const auto writable = check_writable(path); !writable) return writable;
+  }
+  if (const auto apart = check_apart(options.out, options.image, "--out"); !apart) return apart;
+  for (const std::string& path : {options.image, options.out, options.camera}) {
+    if (const auto apart = check_apart(options.save_camera, path, "--save-camera"); !apart) return apart;
+  }
+  return {};
+}
+
 Result<int> run(const Options& options) {
+  if (const auto checked = check_outputs(options); !checked) return forward(checked);
   const auto asked = read_request(options);
   if (!asked) return forward(asked);
   const auto compared = opensky::compare(asked->picture, asked->request);

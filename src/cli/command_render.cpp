@@ -10,6 +10,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/outputs.h"
 #include "cli/validators.h"
 #include "cli/wcs.h"
 #include "foundation/base/nearest_word.h"
@@ -37,6 +38,7 @@ struct Options {
   std::string catalogue;
   std::string rate;
   std::vector<std::string> without;
+  std::vector<std::string> bodies;
   bool no_noise = false;
   bool no_aberration = false;
   bool centre_of_figure = false;
@@ -122,6 +124,34 @@ Result<Vec3> parse_rate(const std::string& text) {
   return Vec3(numbers->data()) * kDegree;
 }
 
+// ID,H,G[,RADIUS_KM]; the first may be a name.
+Result<SmallBody> parse_small_body(const std::string& text) {
+  const std::size_t comma = text.find(',');
+  const auto id = parse_body(std::string_view(text).substr(0, comma));
+  if (!id) return forward(id);
+  const auto numbers =
+      parse_numbers(comma == std::string::npos ? std::string_view() : std::string_view(text).substr(comma + 1), 2, 3,
+                    "H,G[,RADIUS_KM] of ID,H,G[,RADIUS_KM]");
+  if (!numbers) return forward(numbers);
+  SmallBody body{.id = *id, .law = {.h = numbers->at(0), .g1 = numbers->at(1)}};
+  if (numbers->size() == 3) body.mean_radius_m = 1e3 * numbers->at(2);
+  if (body.mean_radius_m < 0.0 || body.mean_radius_m > 1e8) {
+    return fail(ErrorCode::out_of_range, "a radius of {0} km is not within 0 and 1e5", {body.mean_radius_m * 1e-3});
+  }
+  return body;
+}
+
+// The option that a scene's field comes from: the studio speaks of fields.
+Error of_option(Error error) {
+  constexpr std::pair<std::string_view, const char*> kOptions[] = {
+      {"epoch", "--epoch"}, {"observer", "--observer"},     {"attitude", "--pointing"},      {"rate_deg_s", "--rate"},
+      {"bodies", "--body"}, {"refraction", "--refraction"}, {"exposure_ms", "--exposure-ms"}};
+  for (const auto& [field, option] : kOptions) {
+    if (error.where.view() == field) error.where = FixedText<200>(option);
+  }
+  return error;
+}
+
 Result<server::Scene> scene_of(const Options& options, Epoch epoch, const std::shared_ptr<const Kernels>& kernels) {
   server::Scene scene;
   auto camera = read_camera(options.camera);
@@ -134,16 +164,15 @@ Result<server::Scene> scene_of(const Options& options, Epoch epoch, const std::s
   scene.attitude = R_CN_from_pointing(*pointing);
   auto observer = parse_observer(options.observer, kernels);
   if (!observer) return forward(observer, "--observer");
-  if (options.refraction) {
-    const auto site = parse_ground_site(options.observer);
-    if (!site) return forward(site, "--observer");
-    if (!*site) {
-      return fail(ErrorCode::invalid_argument, "there is no air at '{s}'; refraction is for ground:LAT,LON,HEIGHT_M",
-                  {}, "--refraction", options.observer);
-    }
-    scene.sky.refraction = Refraction({}, ground_zenith(**site, epoch));
+  const auto site = parse_ground_site(options.observer);
+  if (!site) return forward(site, "--observer");
+  scene.observer = {options.observer, std::make_shared<const server::Observer>(std::move(*observer)), *site};
+  scene.refraction = options.refraction;
+  for (const std::string& text : options.bodies) {
+    const auto body = parse_small_body(text);
+    if (!body) return forward(body, "--body");
+    if (auto added = server::add_small_body(*body, scene.sky.bodies); !added) return forward(added, "--body");
   }
-  scene.observer = {options.observer, std::make_shared<const server::Observer>(std::move(*observer))};
   const auto effects = effects_of(options);
   if (!effects) return forward(effects);
   scene.effects = *effects;
@@ -165,6 +194,11 @@ Result<int> run(const Options& options) {
   if (extension != ".png" && extension != ".fits" && extension != ".fit") {
     return fail(ErrorCode::invalid_argument, "'{s}' ends neither in .fits nor in .png", {}, "--out", options.out);
   }
+  if (const auto apart = check_apart(options.truth, options.out, "--truth"); !apart) return forward(apart);
+  for (const std::string& path : {options.out, options.truth}) {
+    if (path.empty()) continue;
+    if (const auto writable = check_writable(path); !writable) return forward(writable);
+  }
   const auto epoch = Epoch::parse(options.epoch);
   if (!epoch) return forward(epoch, "--epoch");
   const auto kernels = open_kernels_for(options.kernels, {body::sun, body::earth}, *epoch);
@@ -176,7 +210,7 @@ Result<int> run(const Options& options) {
 
   Shot shot;
   const server::Studio studio((*kernels)->ephemeris, catalogue->stars, {});
-  if (const auto taken = studio.take(*scene, shot); !taken) return forward(taken);
+  if (const auto taken = studio.take(*scene, shot); !taken) return tl::unexpected<Error>(of_option(taken.error()));
   if (const auto stored = store(shot, options); !stored) return forward(stored);
   Json truth = {{"image", options.out}};
   truth.update(server::truth(shot));
@@ -207,6 +241,9 @@ void add_render(CLI::App& app, Invocation& invocation) {
   sub->add_option("--exposure-ms", options->exposure_ms, "default: the camera's own")->check(number_within(1e-6, 1e7));
   sub->add_option("--rate", options->rate, "X,Y,Z turning of the camera in its axes, degrees a second: stars smear");
   sub->add_option("--without", options->without, "effects to leave out, such as shot, read, psf_aberrations, blooming");
+  sub->add_option("--body", options->bodies, "ID,H,G[,RADIUS_KM]: an asteroid or moon of the kernels; once for each")
+      ->expected(1)
+      ->take_all();
   sub->add_option("--seed", options->seed, "of detector and noise")->check(seed_number())->capture_default_str();
   sub->add_option("--max-v", options->max_v, "faintest stars")->check(number_within(-2.0, 20.0))->capture_default_str();
   sub->add_option("--out", options->out, "FILE.fits (with WCS) or FILE.png (16 bit, values are DN)")->required();

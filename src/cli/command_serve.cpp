@@ -105,6 +105,7 @@ Result<int> run(const Options& options) {
     if (auto added = add_observer(text, *kernels, registry); !added) return forward(added);
   }
   registry.parse_observer = [kernels = *kernels](std::string_view text) { return parse_observer(text, kernels); };
+  registry.parse_ground_site = parse_ground_site;
 
   const auto server = server::Server::create(settings, std::move(registry), (*kernels)->ephemeris, catalogue->stars);
   if (!server) return forward(server, "--listen");
@@ -130,7 +131,9 @@ void add_serve(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("serve", "the SkySimulator: pictures for other programs (docs/protocol.md)");
   sub->footer("Example:\n  astronav serve --port 4242 --web-port 8080");
-  sub->add_option("--port", options->port, "0: any that is free")->capture_default_str();
+  sub->add_option("--port", options->port, "0: any that is free")
+      ->check(number_within(0, 65535))
+      ->capture_default_str();
   sub->add_option("--web-port", options->web_port, "live view for a browser")->check(number_within(0, 65535));
   sub->add_option("--listen", options->listen, "address; another than this machine's own demands a token")
       ->capture_default_str();

@@ -26,6 +26,15 @@ Json xyz(const Vec3& v) {
   return {{"x", v.x()}, {"y", v.y()}, {"z", v.z()}};
 }
 
+Json json_of(const std::vector<SmallBody>& bodies) {
+  Json out = Json::array();
+  for (const SmallBody& body : bodies) {
+    out.push_back({{"id", body.id.value}, {"h", body.law.h}, {"g", body.law.g1}});
+    if (body.mean_radius_m > 0.0) out.back()["radius_km"] = body.mean_radius_m * 1e-3;
+  }
+  return out;
+}
+
 Json json_of(const SceneRequest& scene) {
   Json out = Json::object();
   if (scene.epoch) out["epoch"] = scene.epoch->iso(TimeScale::tdb, 9);
@@ -59,6 +68,8 @@ Json json_of(const SceneRequest& scene) {
     out["effects"] = std::move(effects);
   }
   if (scene.max_v_mag) out["max_v_mag"] = *scene.max_v_mag;
+  if (scene.refraction) out["refraction"] = *scene.refraction;
+  if (scene.bodies) out["bodies"] = json_of(*scene.bodies);
   if (scene.seed) out["seed"] = *scene.seed;
   if (scene.sample) out["sample"] = *scene.sample;
   if (scene.image) out["image"] = *scene.image;
@@ -107,7 +118,9 @@ Limits limits_of(const Json& json) {
   read(json, "binary_bytes", l.binary_bytes);
   read(json, "camera_bytes", l.camera_bytes);
   read(json, "image_pixels", l.image_pixels);
+  read(json, "scene_work", l.scene_work);
   read(json, "sessions", l.sessions);
+  read(json, "greetings", l.greetings);
   read(json, "queued_requests", l.queued_requests);
   read(json, "queued_bytes", l.queued_bytes);
   read(json, "trajectory_frames", l.trajectory_frames);

@@ -21,6 +21,7 @@
 #include "foundation/time/epoch.h"
 #include "models/camera/camera.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/photometry/small_bodies.h"
 #include "simulator/server/protocol.h"
 #include "simulator/server/scene.h"
 
@@ -43,6 +44,8 @@ struct SceneRequest {
   bool expected = false;                              // no random draw, no fixed pattern; before `effects`
   std::vector<std::pair<std::string, bool>> effects;  // by name
   std::optional<double> max_v_mag;
+  std::optional<bool> refraction;                // of an observer on the ground
+  std::optional<std::vector<SmallBody>> bodies;  // by H and G
   std::optional<std::uint64_t> seed, sample, image, detector_seed;
   std::optional<PixelFormat> format;
   std::optional<bool> truth;

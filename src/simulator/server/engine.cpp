@@ -19,7 +19,10 @@ Engine::Engine(unsigned worker_count, const Limits& limits_, Registry registry_,
     : io(1),
       limits(limits_),
       registry(std::move(registry_)),
-      studio(ephemeris, stars, {.cameras = 8, .pixels = 2 * static_cast<std::size_t>(limits_.image_pixels)}),
+      studio(ephemeris, stars,
+             {.cameras = 8,
+              .pixels = 2 * static_cast<std::size_t>(limits_.image_pixels),
+              .scene_work = limits_.scene_work}),
       workers(worker_count),
       pool_(worker_count) {
   free_->room = 4 * worker_count + 4;
@@ -46,7 +49,7 @@ std::shared_ptr<Shot> Engine::new_shot() {
 void Engine::ready(const std::shared_ptr<JobSource>& source) {
   if (!source->in_line_) {
     source->in_line_ = true;
-    line_.push_back(source);
+    (source->under_way_ == 0 ? first_line_ : line_).push_back(source);
   }
   pump();
 }
@@ -55,25 +58,53 @@ void Engine::ready(const std::shared_ptr<JobSource>& source) {
 void Engine::pump() {
   if (pumping_) return;
   pumping_ = true;
-  while (running_ < 2 * static_cast<std::size_t>(workers) && !line_.empty()) {
-    const std::shared_ptr<JobSource> source = std::move(line_.front());
-    line_.pop_front();
+  while (!first_line_.empty() || (!line_.empty() && running_ < 2 * static_cast<std::size_t>(workers))) {
+    auto& line = first_line_.empty() ? line_ : first_line_;
+    const std::shared_ptr<JobSource> source = std::move(line.front());
+    line.pop_front();
     source->in_line_ = false;
     std::optional<Job> job = source->next_job();
     if (!job) continue;
+    const bool first = source->under_way_++ == 0;
     source->in_line_ = true;
     line_.push_back(source);
     ++running_;
-    asio::post(pool_, [this, job = std::move(*job)]() mutable {
-      job.work();
-      asio::post(io, [this, done = std::move(job.done)] {
-        --running_;
-        done();
-        pump();
-      });
-    });
+    {
+      const std::lock_guard lock(waiting_.mutex);
+      (first ? waiting_.first : waiting_.further).emplace_back(source, std::move(*job));
+    }
+    asio::post(pool_, [this] { work_on_one(); });
   }
   pumping_ = false;
+}
+
+void Engine::work_on_one() {
+  std::pair<std::shared_ptr<JobSource>, Job> next;
+  {
+    const std::lock_guard lock(waiting_.mutex);
+    auto& jobs = waiting_.first.empty() ? waiting_.further : waiting_.first;
+    if (jobs.empty()) return;  // dropped
+    next = std::move(jobs.front());
+    jobs.pop_front();
+  }
+  next.second.work();
+  asio::post(io, [this, source = std::move(next.first), done = std::move(next.second.done)] {
+    --running_;
+    if (--source->under_way_ == 0 && source->in_line_ && std::erase(line_, source) > 0) first_line_.push_back(source);
+    done();
+    pump();
+  });
+}
+
+void Engine::drop_waiting() {
+  const std::lock_guard lock(waiting_.mutex);
+  waiting_.first.clear();
+  waiting_.further.clear();
+}
+
+void Engine::end() {
+  drop_waiting();
+  pool_.join();
 }
 
 }  // namespace astronav::server

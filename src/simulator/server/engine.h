@@ -11,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <asio.hpp>
@@ -41,6 +42,7 @@ class JobSource {
  private:
   friend class Engine;
   bool in_line_ = false;
+  std::size_t under_way_ = 0;  // of its jobs, those that wait for a worker included
 };
 
 class Engine {
@@ -50,8 +52,9 @@ class Engine {
 
   // Gets in line, at its end, unless it is there already.
   void ready(const std::shared_ptr<JobSource>& source);
-  // Waits for the workers.
-  void join() { pool_.join(); }
+  void drop_waiting();  // jobs that no worker has begun
+  // Drops them, and waits for the workers to end what they are at.
+  void end();
 
   // A shot whose buffers are kept for another when the last holder lets go.
   std::shared_ptr<Shot> new_shot();
@@ -61,19 +64,27 @@ class Engine {
   const Registry registry;
   const Studio studio;
   const unsigned workers;
+  std::size_t sessions = 0;  // greeted, and not closed
   // What a session was shown last, and how many pictures there have been.
   std::shared_ptr<const Scene> latest;
   std::uint64_t frames = 0;
 
  private:
   void pump();
+  void work_on_one();
   struct FreeShots {
     std::mutex mutex;
     std::vector<std::unique_ptr<Shot>> shots;
     std::size_t room = 0;
   };
   std::shared_ptr<FreeShots> free_ = std::make_shared<FreeShots>();
-  std::deque<std::shared_ptr<JobSource>> line_;
+  // A source with nothing under way waits behind nobody's further jobs, neither for a place nor for a worker: whoever
+  // comes waits until a worker has done what it is at, and for others who came.
+  std::deque<std::shared_ptr<JobSource>> first_line_, line_;
+  struct Waiting {
+    std::mutex mutex;
+    std::deque<std::pair<std::shared_ptr<JobSource>, Job>> first, further;
+  } waiting_;  // for a worker
   std::size_t running_ = 0;
   bool pumping_ = false;
   asio::thread_pool pool_;

@@ -236,6 +236,27 @@ TEST(ServerLimits, SilentClientsAreClosed) {
   EXPECT_TRUE(half.ends());
 }
 
+TEST(ServerLimits, SilentConnectionsTakeNobodysPlace) {
+  const RunningServer server(with([](Limits& l) {
+    l.sessions = 2;
+    l.greetings = 8;
+    l.hello_s = 600.0;
+  }));
+  std::vector<std::unique_ptr<Wire>> silent;
+  for (int i = 0; i < 40; ++i) silent.push_back(std::make_unique<Wire>(server.port()));
+  Client client = server.client();
+  EXPECT_TRUE(client.ping());
+  // The oldest have been closed, the newest may still speak: 8 are kept, and the client was one of them.
+  EXPECT_TRUE(silent.front()->ends());
+  silent.back()->hello();
+  EXPECT_EQ(silent.back()->answer().type, 101);
+  Wire third(server.port());
+  third.hello();
+  EXPECT_EQ(third.answer().said.value("code", ""), "limit_exceeded");
+  for (int i = 0; i < 40; ++i) silent.push_back(std::make_unique<Wire>(server.port()));
+  EXPECT_TRUE(client.ping());  // who has been greeted stays
+}
+
 TEST(ServerLimits, IdleClientsAreClosedButNotThoseWhoWaitForAnswers) {
   const RunningServer server(with([](Limits& l) { l.idle_s = 0.5; }));
   const Bystander bystander(server);
@@ -287,6 +308,140 @@ TEST(ServerLimits, ClientThatDoesNotReadIsClosed) {
     refused = !deaf.say(MessageType::ping, R"({"id":2})");
   }
   EXPECT_TRUE(refused);
+}
+
+// Turning as fast as the server lets it.
+SceneRequest costliest(Client& client) {
+  SceneRequest scene;
+  scene.epoch = *Epoch::parse("2027-03-01");
+  scene.pointing = Pointing{83.0 * kDegree, -1.0 * kDegree, 0.0};
+  scene.rate_C_rad_s = Vec3::Zero();
+  Result<Frame> frame = fail(ErrorCode::internal, "");
+  for (double deg_s = 0.5; deg_s < 74.0; deg_s *= 1.2) {
+    SceneRequest faster = scene;
+    faster.rate_C_rad_s = Vec3(0.0, deg_s * kDegree, 0.0);
+    frame = client.render(faster);
+    if (!frame) break;
+    scene = faster;
+  }
+  EXPECT_FALSE(frame);
+  if (!frame) {
+    EXPECT_EQ(frame.error().code, ErrorCode::limit_exceeded);
+    EXPECT_NE(describe(frame.error()).find("rate_deg_s: the light of this scene takes"), std::string::npos)
+        << describe(frame.error());
+  }
+  EXPECT_GT(scene.rate_C_rad_s->norm(), 0.0);
+  return scene;
+}
+
+TEST(ServerLimits, CostlyScenesAreRefused) {
+  const RunningServer server;
+  Client client = server.client();
+  SceneRequest scene;
+  scene.epoch = *Epoch::parse("2027-03-01");
+  scene.pointing = Pointing{83.0 * kDegree, -1.0 * kDegree, 0.0};
+  scene.max_v_mag = 20.0;
+  scene.rate_C_rad_s = Vec3(0.0, 70.0 * kDegree, 0.0);
+  auto frame = client.render(scene);
+  ASSERT_FALSE(frame);
+  EXPECT_EQ(frame.error().code, ErrorCode::limit_exceeded);
+  EXPECT_NE(describe(frame.error()).find("at most 200000000"), std::string::npos) << describe(frame.error());
+  scene.format = PixelFormat::none;  // nothing is painted
+  EXPECT_TRUE(client.render(scene));
+  scene.format = PixelFormat::electrons;
+  EXPECT_FALSE(client.render(scene));
+  scene.effects = {{"motion", false}};
+  EXPECT_TRUE(client.render(scene));
+  // Without motion: a large picture of wide stars.
+  std::string toml = kSmallCamera;
+  for (const auto& [from, to] : {std::pair{"width_px = 64", "width_px = 2048"},
+                                 {"height_px = 48", "height_px = 2048"},
+                                 {"sigma_px = 0.8", "sigma_px = 0.8\nhalo_fraction = 0.5\nhalo_sigma_px = 100.0"},
+                                 {"pupil_diameter_mm = 10.0", "pupil_diameter_mm = 100.0"}}) {
+    toml.replace(toml.find(from), std::string_view(from).size(), to);
+  }
+  scene.effects = {};
+  scene.rate_C_rad_s = Vec3::Zero();
+  scene.camera_toml = toml;
+  frame = client.render(scene);
+  ASSERT_FALSE(frame);
+  EXPECT_NE(describe(frame.error()).find("max_v_mag: the light of this scene takes"), std::string::npos)
+      << describe(frame.error());
+  scene.camera_toml = std::string(kSmallCamera) + "cosmic_rays_cm2_s = 1e6\n";
+  scene.exposure_s = 1e4;
+  scene.format = PixelFormat::dn;
+  frame = client.render(scene);
+  ASSERT_FALSE(frame);
+  EXPECT_NE(describe(frame.error()).find("exposure_ms: the protons of this exposure take"), std::string::npos)
+      << describe(frame.error());
+  EXPECT_TRUE(client.ping());
+}
+
+TEST(ServerLimits, ClientIsServedWhileOthersAskForTheCostliest) {
+  ServerSettings settings;
+  settings.workers = 1;
+  settings.limits.scene_work = 5e6;
+  settings.drain_s = 1.0;
+  const RunningServer server(settings);
+  Client client = server.client();
+  const SceneRequest heavy = costliest(client);
+  SceneRequest light = heavy;
+  light.camera = "small";
+  light.rate_C_rad_s = Vec3::Zero();
+  ASSERT_TRUE(client.render(light));
+
+  std::atomic<bool> over = false;
+  std::atomic<int> taken = 0;
+  const auto keep_asking = [&](bool new_detectors) {
+    Client asker = server.client();
+    SceneRequest scene = heavy;
+    for (std::uint64_t i = 0; i < 8; ++i) (void)asker.send(scene);
+    Frame frame;
+    for (std::uint64_t i = 0; !over && asker.receive(frame); ++i) {
+      ++taken;
+      if (new_detectors) scene.detector_seed = i + 2;  // each has to be made
+      (void)asker.send(scene);
+    }
+  };
+  std::thread first(keep_asking, false), second(keep_asking, true);
+  while (taken < 4) std::this_thread::yield();
+  // How many of the others' pictures come while one of its own is waited for: one of each at most, and one that was
+  // done before and is on its way.
+  std::vector<int> waited;
+  for (int i = 0; i < 15; ++i) {
+    const int before = taken;
+    ASSERT_TRUE(client.render(light));
+    waited.push_back(taken - before);
+  }
+  over = true;
+  first.join();
+  second.join();
+  std::ranges::sort(waited);
+  EXPECT_LE(waited[7], 3);
+}
+
+TEST(ServerLimits, StoppingWaitsForNoPictureThatIsNotBegun) {
+  ServerSettings settings;
+  settings.workers = 1;
+  settings.drain_s = 0.0;
+  settings.limits.scene_work = 5e6;
+  RunningServer server(settings);
+  std::vector<Client> clients;
+  for (int i = 0; i < 8; ++i) clients.push_back(server.client());
+  const SceneRequest heavy = costliest(clients[0]);
+  constexpr int kEach = 40;
+  for (Client& client : clients) {
+    for (int i = 0; i < kEach; ++i) ASSERT_TRUE(client.send(heavy));
+  }
+  Frame frame;
+  ASSERT_TRUE(clients[0].receive(frame));
+  server.server().stop();
+  server.join();
+  int got = 0;
+  for (Client& client : clients) {
+    while (client.receive(frame)) ++got;
+  }
+  EXPECT_LT(got, 8 * kEach / 2);
 }
 
 double resident_megabytes() {

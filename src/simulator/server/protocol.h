@@ -59,7 +59,9 @@ struct Limits {
   std::uint32_t binary_bytes = 0;      // of a request
   std::uint32_t camera_bytes = 65536;  // of a camera's text
   std::uint64_t image_pixels = 1 << 24;
+  double scene_work = 2e8;  // additions of light to pixels for one picture (render::painting_work): about a second
   std::uint32_t sessions = 16;
+  std::uint32_t greetings = 64;           // connections that have not been greeted; the oldest makes room
   std::uint32_t queued_requests = 64;     // of a session; further ones are read when there is room
   std::uint64_t queued_bytes = 64 << 20;  // of a session: frames that its client has not taken yet
   std::uint64_t trajectory_frames = 1'000'000;

@@ -21,6 +21,7 @@ using OrderedJson = nlohmann::ordered_json;
 
 constexpr double kMaxDistanceKm = 1e12;
 constexpr std::size_t kMaxObserverBytes = 256;
+constexpr std::size_t kMostBodies = 32;
 constexpr std::uint64_t kMaxNumber = std::uint64_t{1} << 53;  // beyond it JSON's readers differ
 constexpr std::array<std::string_view, 4> kFormats{"dn", "png", "electrons", "none"};
 
@@ -155,6 +156,11 @@ Result<void> read_observer(const Json& value, const Registry& registry, Scene& s
     return tl::unexpected<Error>(error);
   }
   scene.observer = Scene::NamedObserver{std::string(bare), std::make_shared<const Observer>(std::move(*observer))};
+  if (registry.parse_ground_site) {
+    const auto site = registry.parse_ground_site(bare);
+    if (!site) return forward(site, "observer");
+    scene.observer->site = *site;
+  }
   return {};
 }
 
@@ -241,6 +247,47 @@ Result<void> read_effects(const Json& value, Scene& scene) {
   return {};
 }
 
+bool is_drawn_anyway(BodyId id) {
+  return (id.value >= 0 && id.value <= 10) || id == body::moon || (id.value < 1000 && id.value % 100 == 99);
+}
+
+// {id, h, g, radius_km}; the last two may be left out.
+Result<SmallBody> read_body(const Json& value) {
+  constexpr std::string_view kForm = "[{id, h, g, radius_km}, ...], the last two as you like";
+  if (!value.is_object() || !value.contains("id") || !value.contains("h")) return wrong("bodies", kForm);
+  SmallBody out;
+  for (const auto& [key, each] : value.items()) {
+    if (key == "id") {
+      if (!each.is_number_integer() || each < INT32_MIN || each > INT32_MAX) return wrong("bodies.id", "a NAIF number");
+      out.id = BodyId{each.get<std::int32_t>()};
+      continue;
+    }
+    const auto read = key == "h"           ? number(each, "bodies.h", -10.0, 50.0)
+                      : key == "g"         ? number(each, "bodies.g", -1.0, 2.0)
+                      : key == "radius_km" ? number(each, "bodies.radius_km", 0.0, 1e5)
+                                           : Result<double>(wrong("bodies", kForm));
+    if (!read) return forward(read);
+    (key == "h" ? out.law.h : key == "g" ? out.law.g1 : out.mean_radius_m) = *read * (key == "radius_km" ? 1e3 : 1.0);
+  }
+  return out;
+}
+
+Result<void> read_bodies(const Json& value, Scene& scene) {
+  if (!value.is_array()) return wrong("bodies", "a list");
+  if (value.size() > kMostBodies) {
+    return fail(ErrorCode::limit_exceeded, "{0} bodies; at most {1} are read",
+                {static_cast<double>(value.size()), static_cast<double>(kMostBodies)}, "bodies");
+  }
+  std::vector<SmallBody> bodies;
+  for (const Json& each : value) {
+    const auto body = read_body(each);
+    if (!body) return forward(body);
+    if (auto added = add_small_body(*body, bodies); !added) return forward(added, "bodies");
+  }
+  scene.sky.bodies = std::move(bodies);
+  return {};
+}
+
 Result<void> read_format(const Json& value, Scene& scene) {
   for (std::size_t i = 0; i < kFormats.size(); ++i) {
     if (value.is_string() && value == kFormats[i]) {
@@ -303,6 +350,14 @@ constexpr std::array kFields{
             s.sky.max_v_mag = *mag;
             return {};
           }},
+    Field{"refraction",
+          [](const Json& v, const Registry&, const Limits&, Scene& s) -> Result<void> {
+            const auto on = truth_value(v, "refraction");
+            if (!on) return forward(on);
+            s.refraction = *on;
+            return {};
+          }},
+    Field{"bodies", [](const Json& v, const Registry&, const Limits&, Scene& s) { return read_bodies(v, s); }},
     Field{"seed", [](const Json& v, const Registry&, const Limits&, Scene& s) { return assign(v, "seed", s.seed); }},
     Field{"sample",
           [](const Json& v, const Registry&, const Limits&, Scene& s) { return assign(v, "sample", s.sample); }},
@@ -323,6 +378,18 @@ constexpr std::array kFields{
 
 std::string_view name(PixelFormat format) {
   return kFormats[static_cast<std::size_t>(format)];
+}
+
+Result<void> add_small_body(const SmallBody& body, std::vector<SmallBody>& bodies) {
+  if (is_drawn_anyway(body.id)) {
+    return fail(ErrorCode::invalid_argument, "body {0} is drawn as it is; H and G are of others",
+                {static_cast<double>(body.id.value)});
+  }
+  if (std::ranges::any_of(bodies, [&](const SmallBody& other) { return other.id == body.id; })) {
+    return fail(ErrorCode::invalid_argument, "body {0} comes twice", {static_cast<double>(body.id.value)});
+  }
+  bodies.push_back(body);
+  return {};
 }
 
 Scene first_settings(const Registry& registry) {
@@ -410,6 +477,14 @@ OrderedJson describe(const Scene& scene) {
   for (const SkySwitch& s : kSkySwitches) effects[std::string(s.name)] = scene.sky.*s.field;
   out["effects"] = std::move(effects);
   out["max_v_mag"] = scene.sky.max_v_mag;
+  out["refraction"] = scene.refraction;
+  if (!scene.sky.bodies.empty()) {
+    OrderedJson bodies = OrderedJson::array();
+    for (const SmallBody& b : scene.sky.bodies) {
+      bodies.push_back({{"id", b.id.value}, {"h", b.law.h}, {"g", b.law.g1}, {"radius_km", b.mean_radius_m * 1e-3}});
+    }
+    out["bodies"] = std::move(bodies);
+  }
   out["seed"] = scene.seed;
   out["sample"] = scene.sample;
   out["image"] = scene.image;

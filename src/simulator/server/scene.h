@@ -14,6 +14,7 @@
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -22,6 +23,7 @@
 #include "foundation/time/epoch.h"
 #include "models/camera/camera.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/ephemeris/ground.h"
 #include "simulator/render/renderer.h"
 #include "simulator/server/protocol.h"
 #include "simulator/sky/sky.h"
@@ -37,6 +39,8 @@ struct Registry {
   std::map<std::string, Observer, std::less<>> observers;  // trajectories the server was started with
   // Observers that need no file: `ssb:...`, `ground:...`, a body. Texts that name files never come here.
   std::function<Result<Observer>(std::string_view)> parse_observer;
+  // The place on the ground where such a text names one.
+  std::function<Result<std::optional<GroundSite>>(std::string_view)> parse_ground_site;
 };
 
 enum class PixelFormat : unsigned char { dn, png, electrons, none };
@@ -57,6 +61,7 @@ struct Scene {
   struct NamedObserver {
     std::string text;
     std::shared_ptr<const Observer> observer;
+    std::optional<GroundSite> site{};  // where it stands on the ground
   };
   std::optional<Epoch> epoch;  // middle of the exposure
   std::optional<NamedObserver> observer;
@@ -65,7 +70,8 @@ struct Scene {
   std::shared_ptr<const NamedCamera> camera;
   double exposure_s = 0.0;  // 0: the camera's own
   render::Effects effects;
-  sky::SkySettings sky{.max_v_mag = 12.0};
+  sky::SkySettings sky{.max_v_mag = 12.0};  // its refraction is the studio's to fill in
+  bool refraction = false;                  // of the air above the observer's site
   std::uint64_t seed = 1;
   std::uint64_t sample = 0;
   std::uint64_t image = 0;
@@ -80,6 +86,9 @@ Scene first_settings(const Registry& registry);
 // is refused with its nearest known name. On an error the scene is left half read. Errors carry the field in `where`.
 Result<void> read_scene(const nlohmann::json& object, std::span<const std::string_view> others,
                         const Registry& registry, const Limits& limits, Scene& scene);
+// Adds a body; invalid_argument for the Sun, the planets and the Moon, which are drawn anyway, and for one that is
+// there.
+Result<void> add_small_body(const SmallBody& body, std::vector<SmallBody>& bodies);
 // A camera's text; its point-spread function cannot come from a file.
 Result<Camera> read_camera_text(std::string_view toml, const Limits& limits);
 // The scene as the fields that make it.

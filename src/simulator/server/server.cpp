@@ -17,7 +17,6 @@ namespace {
 
 using asio::ip::tcp;
 
-constexpr std::size_t kMostRefused = 32;   // at a time, being told why
 constexpr std::size_t kMostBrowsers = 32;  // connections
 constexpr auto kTick = std::chrono::milliseconds(100);
 constexpr auto kAcceptPause = std::chrono::milliseconds(200);
@@ -52,6 +51,7 @@ struct Server::Parts {
         signals(engine.io) {}
 
   void accept();
+  void make_room();
   void accept_web();
   void tick();
   void stop();
@@ -61,7 +61,7 @@ struct Server::Parts {
   tcp::acceptor acceptor, web_acceptor;
   asio::steady_timer ticker, accept_pause, web_pause;
   asio::signal_set signals;
-  std::list<std::shared_ptr<Session>> sessions, refused;
+  std::list<std::shared_ptr<Session>> sessions;  // the oldest first
   std::list<std::shared_ptr<WebConnection>> browsers;
   bool stopping = false;
   Clock::time_point stop_due;
@@ -77,22 +77,21 @@ void Server::Parts::accept() {
       });
       return;
     }
-    const auto closed = [](const auto& session) { return session->closed(); };
-    sessions.remove_if(closed);
-    refused.remove_if(closed);
-    if (sessions.size() < settings.limits.sessions) {
-      sessions.push_back(std::make_shared<Session>(engine, std::move(socket), settings.token));
-      sessions.back()->start();
-    } else if (refused.size() < kMostRefused) {
-      refused.push_back(std::make_shared<Session>(engine, std::move(socket), settings.token));
-      refused.back()->refuse(Error{ErrorCode::limit_exceeded,
-                                   "this server has its {0} clients already",
-                                   {static_cast<double>(settings.limits.sessions)},
-                                   {},
-                                   {}});
-    }
+    make_room();
+    sessions.push_back(std::make_shared<Session>(engine, std::move(socket), settings.token));
+    sessions.back()->start();
     accept();
   });
+}
+
+// Whoever says nothing cannot keep others from saying hello.
+void Server::Parts::make_room() {
+  sessions.remove_if([](const auto& session) { return session->closed(); });
+  const auto stranger = [](const auto& session) { return !session->greeted(); };
+  if (std::ranges::count_if(sessions, stranger) < static_cast<std::ptrdiff_t>(settings.limits.greetings)) return;
+  const auto oldest = std::ranges::find_if(sessions, stranger);
+  (*oldest)->close();
+  sessions.erase(oldest);
 }
 
 void Server::Parts::accept_web() {
@@ -120,19 +119,17 @@ void Server::Parts::tick() {
   ticker.async_wait([this](asio::error_code error) {
     if (error) return;
     const Clock::time_point now = Clock::now();
-    for (auto* list : {&sessions, &refused}) {
-      for (const auto& session : *list) {
-        session->tick(now);
-        if (stopping && now > stop_due) session->close();
-      }
-      list->remove_if([](const auto& session) { return session->closed(); });
+    for (const auto& session : sessions) {
+      session->tick(now);
+      if (stopping && now > stop_due) session->close();
     }
+    sessions.remove_if([](const auto& session) { return session->closed(); });
     for (const auto& browser : browsers) {
       browser->tick(now);
       if (stopping && now > stop_due) browser->close();
     }
     browsers.remove_if([](const auto& browser) { return browser->closed(); });
-    if (stopping && sessions.empty() && refused.empty() && browsers.empty()) {
+    if (stopping && sessions.empty() && browsers.empty()) {
       engine.io.stop();
     } else {
       tick();
@@ -196,7 +193,7 @@ Result<std::unique_ptr<Server>> Server::create(const ServerSettings& settings, R
 
 Server::Server(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
 Server::~Server() {
-  parts_->engine.join();
+  parts_->engine.end();
 }
 
 std::uint16_t Server::port() const {
@@ -210,7 +207,7 @@ std::uint16_t Server::web_port() const {
 
 void Server::run() {
   parts_->engine.io.run();
-  parts_->engine.join();
+  parts_->engine.end();
 }
 
 void Server::stop() {

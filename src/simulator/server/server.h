@@ -42,7 +42,8 @@ class Server {
   std::uint16_t web_port() const;  // 0: no live view
   // Serves until it is stopped, and what was asked by then is done.
   void run();
-  // From any thread, also before run(): no new clients, no new requests; run() returns when what was asked is done.
+  // From any thread, also before run(): no new clients, no new requests; run() returns when what was asked is done, at
+  // the latest drain_s later and when the workers have ended the pictures that they are at.
   void stop();
 
  private:

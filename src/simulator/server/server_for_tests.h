@@ -74,6 +74,14 @@ inline Registry registry_for_tests() {
     return state;
   };
   registry.parse_observer = [](std::string_view text) -> Result<Observer> {
+    if (text == "ground:50,10,0") {
+      return Observer([](Epoch epoch) -> Result<State> {
+        auto state = ShippedSky::get().ephemeris.state(body::earth, body::solar_system_barycenter, epoch);
+        if (!state) return state;
+        const State site = ground_state({50.0 * kDegree, 10.0 * kDegree, 0.0}, epoch);
+        return State{state->p_m + site.p_m, state->v_m_s + site.v_m_s};
+      });
+    }
     const auto body = parse_body(text);
     if (!body) return forward(body);
     const auto held = ShippedSky::get().ephemeris.resolve(*body);
@@ -81,6 +89,10 @@ inline Registry registry_for_tests() {
     return Observer([id = *held](Epoch epoch) {
       return ShippedSky::get().ephemeris.state(id, body::solar_system_barycenter, epoch);
     });
+  };
+  registry.parse_ground_site = [](std::string_view text) -> Result<std::optional<GroundSite>> {
+    if (text != "ground:50,10,0") return std::optional<GroundSite>();
+    return GroundSite{50.0 * kDegree, 10.0 * kDegree, 0.0};
   };
   return registry;
 }

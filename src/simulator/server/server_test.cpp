@@ -12,8 +12,10 @@
 #include "models/photometry/photometry.h"
 #include "simulator/render/renderer.h"
 #include "simulator/server/server_for_tests.h"
+#include "simulator/server/studio.h"
 #include "simulator/sky/sky.h"
 #include "support/program.h"
+#include "support/shared_data.h"
 
 namespace astronav::server {
 namespace {
@@ -167,6 +169,75 @@ TEST(Server, CameraOverTheWire) {
   const auto named = client.render(scene);
   ASSERT_TRUE(named);
   EXPECT_TRUE(std::ranges::equal(sent->dn.pixels(), named->dn.pixels()));
+}
+
+TEST(Server, TheAirLiftsWhatIsSeenFromTheGround) {
+  const RunningServer server;
+  Client client = server.client();
+  const Epoch epoch = kEpoch;
+  const Vec3 zenith = ground_zenith({50.0 * kDegree, 10.0 * kDegree, 0.0}, epoch);
+  // 15 degrees above the horizon.
+  const Vec3 low = std::cos(75.0 * kDegree) * zenith + std::sin(75.0 * kDegree) * zenith.unitOrthogonal();
+  const RaDec at = radec_from_direction(low);
+  SceneRequest scene;
+  scene.epoch = epoch;
+  scene.observer = "ground:50,10,0";
+  scene.pointing = Pointing{at.ra_rad, at.dec_rad, 0.0};
+  scene.format = PixelFormat::none;
+  scene.truth = true;
+  scene.max_v_mag = 8.0;
+  const auto bare = client.render(scene);
+  ASSERT_TRUE(bare) << describe(bare.error());
+  scene.refraction = true;
+  const auto lifted = client.render(scene);
+  ASSERT_TRUE(lifted) << describe(lifted.error());
+  const double px = read_camera("extrema-20deg")->intrinsics.plate_scale_rad_px();
+  int compared = 0;
+  for (const TrueSource& star : lifted->truth) {
+    const auto same = std::ranges::find(bare->truth, star.id, &TrueSource::id);
+    if (same == bare->truth.end() || std::hypot(star.pixel.u - 511.5, star.pixel.v - 511.5) > 100.0) continue;
+    const double moved = (star.pixel.vec() - same->pixel.vec()).norm() * px / kArcsecond;
+    // 58.3" tan Z - 0.067" tan^3 Z, times 1010/1010 hPa, is 214" at 75 degrees; within 2 degrees of it 185" to 250".
+    EXPECT_NEAR(moved, 217.0, 35.0);
+    ++compared;
+  }
+  EXPECT_GT(compared, 2);
+}
+
+TEST(Server, BodiesOfItsKernelsAreDrawnByTheirMagnitude) {
+  const auto path = ASTRONAV_SHARED_DATA("ephemeris/2000001.bsp");
+  const auto ceres = MappedFile::open(path);
+  ASSERT_TRUE(ceres);
+  const ShippedSky& shipped = ShippedSky::get();
+  const std::vector<std::span<const std::byte>> kernels{shipped.kernel.bytes(), ceres->bytes()};
+  const auto ephemeris = Ephemeris::open(kernels);
+  ASSERT_TRUE(ephemeris);
+  const Studio studio(*ephemeris, shipped.stars, {});
+  const Registry registry = registry_for_tests();
+  const auto seen = [&](const char* bodies) {
+    Scene scene = first_settings(registry);
+    const std::string text =
+        R"({"epoch":"2027-03-01","attitude":{"body":"ceres"},"format":"none","bodies":)" + std::string(bodies) + "}";
+    const auto read = read_scene(json::parse(text), {}, registry, Limits{}, scene);
+    EXPECT_TRUE(read) << describe(read.error());
+    Shot shot;
+    const auto taken = studio.take(scene, shot);
+    EXPECT_TRUE(taken) << describe(taken.error());
+    std::vector<render::RenderedSource> bodies_seen;
+    for (const auto& s : shot.sources) {
+      if (s.source.kind == sky::SourceKind::small_body) bodies_seen.push_back(s);
+    }
+    return bodies_seen;
+  };
+  const auto known = seen("[]");
+  const auto ours = seen(R"([{"id":2000001,"h":0.34,"g":0.12,"radius_km":4697}])");
+  ASSERT_EQ(known.size(), 1u);
+  ASSERT_EQ(ours.size(), 1u);
+  // H 3.34 and G 0.12 are what is known of it; three magnitudes less, and ten times as large.
+  EXPECT_NEAR(ours[0].source.v_mag, known[0].source.v_mag - 3.0, 0.1);
+  EXPECT_NEAR(ours[0].source.angular_radius_rad / known[0].source.angular_radius_rad, 10.0, 0.1);
+  EXPECT_NEAR(ours[0].electrons / known[0].electrons, std::pow(10.0, 1.2), 1.5);
+  EXPECT_NEAR(ours[0].pixel.u, 511.5, 0.1);
 }
 
 TEST(Server, AnswersComeInTheOrderOfTheRequests) {
@@ -353,6 +424,17 @@ TEST(Server, BadRequestsAreAnsweredAndTheSessionGoesOn) {
       {3, R"({"id":1,"effects":{"shots":true}})", "invalid_argument", "did you mean \"shot\""},
       {3, R"({"id":1,"effects":{"shot":1}})", "invalid_argument", "true or false"},
       {3, R"({"id":1,"effects":"none"})", "invalid_argument", "expected"},
+      {3, R"({"id":1,"refraction":1})", "invalid_argument", "true or false"},
+      {3, R"({"id":1,"refraction":true})", "invalid_argument", "refraction: there is no air at 'mars'"},
+      {3, R"({"id":1,"bodies":{}})", "invalid_argument", "a list"},
+      {3, R"({"id":1,"bodies":[{"id":433}]})", "invalid_argument", "{id, h, g, radius_km}"},
+      {3, R"({"id":1,"bodies":[{"id":"eros","h":10}]})", "invalid_argument", "NAIF number"},
+      {3, R"({"id":1,"bodies":[{"id":4e10,"h":10}]})", "invalid_argument", "NAIF number"},
+      {3, R"({"id":1,"bodies":[{"id":2000433,"h":99}]})", "out_of_range", "bodies.h"},
+      {3, R"({"id":1,"bodies":[{"id":2000433,"h":9,"mass":1}]})", "invalid_argument", "{id, h, g, radius_km}"},
+      {3, R"({"id":1,"bodies":[{"id":2000433,"h":9},{"id":2000433,"h":9}]})", "invalid_argument", "comes twice"},
+      {3, R"({"id":1,"bodies":[{"id":499,"h":9}]})", "invalid_argument", "drawn as it is"},
+      {3, R"({"id":1,"bodies":[{"id":2000433,"h":9}]})", "not_found", "bodies: no kernel holds"},
       {3, R"({"id":1,"seed":-5})", "invalid_argument", "whole number"},
       {3, R"({"id":1,"format":"jpeg"})", "invalid_argument", "\"png\""},
       {3, R"({"id":1,"truth":"yes"})", "invalid_argument", "true or false"},

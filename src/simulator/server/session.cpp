@@ -14,8 +14,9 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kReadBytes = 65536;
-constexpr std::size_t kMostPlaces = 64;        // answers under way, of a session
-constexpr double kSlowestBytesPerS = 100e3;    // that a client has to take
+constexpr std::size_t kMostPlaces = 64;      // answers under way, of a session
+constexpr double kSlowestBytesPerS = 100e3;  // that a client has to take
+constexpr std::uint32_t kMostHelloBytes = 65536;
 constexpr double kLingerS = 2.0;               // for a client to read why it was closed
 constexpr std::size_t kFrameJsonBytes = 4096;  // about
 constexpr std::size_t kTruthJsonBytes = 1 << 20;
@@ -55,7 +56,9 @@ std::string welcome_json(std::uint64_t id, const Engine& engine) {
                    {"binary_bytes", l.binary_bytes},
                    {"camera_bytes", l.camera_bytes},
                    {"image_pixels", l.image_pixels},
+                   {"scene_work", l.scene_work},
                    {"sessions", l.sessions},
+                   {"greetings", l.greetings},
                    {"queued_requests", l.queued_requests},
                    {"queued_bytes", l.queued_bytes},
                    {"trajectory_frames", l.trajectory_frames},
@@ -92,10 +95,6 @@ void Session::start() {
   read();
 }
 
-void Session::refuse(const Error& error) {
-  give_up({}, error);
-}
-
 void Session::drain() {
   asio::error_code ignored;
   // What has arrived can still be read; then it looks as if the client had ended.
@@ -106,6 +105,7 @@ void Session::drain() {
 void Session::close() {
   if (closed_) return;
   closed_ = true;
+  if (greeted_) --engine_.sessions;
   asio::error_code ignored;
   socket_.close(ignored);
   asked_.clear();
@@ -177,11 +177,12 @@ void Session::take_messages() {
     const auto header = decode_header(std::span<const std::byte, kHeaderBytes>(in_.data() + at, kHeaderBytes));
     if (!header) return give_up({}, header.error());
     const Limits& l = engine_.limits;
-    if (header->json_bytes > l.json_bytes || header->binary_bytes > l.binary_bytes) {
+    const std::uint32_t json_bytes = greeted_ ? l.json_bytes : std::min(l.json_bytes, kMostHelloBytes);
+    if (header->json_bytes > json_bytes || header->binary_bytes > l.binary_bytes) {
       return give_up({}, Error{ErrorCode::limit_exceeded,
                                "a message of {0} + {1} bytes; at most {2} of JSON and {3} of raw bytes are read",
                                {static_cast<double>(header->json_bytes), static_cast<double>(header->binary_bytes),
-                                static_cast<double>(l.json_bytes), static_cast<double>(l.binary_bytes)},
+                                static_cast<double>(json_bytes), static_cast<double>(l.binary_bytes)},
                                {},
                                {}});
     }
@@ -269,7 +270,15 @@ void Session::greet(const Request& request) {
         request.id,
         Error{ErrorCode::invalid_argument, "the token is missing or wrong", {}, FixedText<200>("token"), {}});
   }
+  if (engine_.sessions >= engine_.limits.sessions) {
+    return give_up(request.id, Error{ErrorCode::limit_exceeded,
+                                     "this server has its {0} clients already",
+                                     {static_cast<double>(engine_.limits.sessions)},
+                                     {},
+                                     {}});
+  }
   greeted_ = true;
+  ++engine_.sessions;
   answer(request.id, MessageType::welcome, welcome_json(request.id, engine_));
 }
 

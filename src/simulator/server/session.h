@@ -21,8 +21,8 @@ class Session final : public JobSource, public std::enable_shared_from_this<Sess
   Session(Engine& engine, asio::ip::tcp::socket socket, std::string token);
 
   void start();
-  // Says why, and closes: a client too many.
-  void refuse(const Error& error);
+  // Whether it is one of the server's sessions, which are counted.
+  bool greeted() const { return greeted_; }
   // Reads nothing that is not there yet; closes when everything asked has been answered.
   void drain();
   void close();

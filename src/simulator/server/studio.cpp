@@ -24,6 +24,30 @@ bool on_detector(const Intrinsics& c, Pixel p) {
   return p.u >= -0.5 && p.v >= -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
 }
 
+const char* kind_name(sky::SourceKind kind) {
+  switch (kind) {
+    case sky::SourceKind::star:
+      return "star";
+    case sky::SourceKind::planet:
+      return "planet";
+    case sky::SourceKind::small_body:
+      return "small_body";
+    case sky::SourceKind::sun:
+      return "sun";
+  }
+  return "";
+}
+
+// Of the protons that are expected, in additions to pixels: a track is followed in 20 steps a pixel, each of about two
+// additions, and is pi/2 of the depth long on average (a flux through a plane).
+double proton_work(const Camera& camera, double exposure_s) {
+  const Detector& d = camera.detector;
+  const Intrinsics& k = camera.intrinsics;
+  const double area_cm2 = 1e4 * k.width_px * k.height_px * d.pixel_pitch_m * d.pixel_pitch_m;
+  const double length_px = 0.5 * kPi * d.depth_um * 1e-6 / d.pixel_pitch_m;
+  return d.cosmic_rays_cm2_s * area_cm2 * exposure_s * (20.0 + 40.0 * length_px);
+}
+
 Json xyz(const Vec3& v, double unit) {
   return {{"x", v.x() / unit}, {"y", v.y() / unit}, {"z", v.z() / unit}};
 }
@@ -70,7 +94,7 @@ Json truth(const Shot& shot) {
     const RaDec place = radec_from_direction(s.source.direction_N);
     Json one;
     one["id"] = s.source.id;
-    one["kind"] = star ? "star" : s.source.kind == sky::SourceKind::planet ? "planet" : "small_body";
+    one["kind"] = kind_name(s.source.kind);
     if (!star) {
       const std::string_view known = body_name(BodyId{static_cast<std::int32_t>(s.source.id)});
       one["name"] = known.empty() ? std::to_string(s.source.id) : std::string(known);
@@ -126,7 +150,53 @@ std::shared_ptr<const Studio::Ready> Studio::ready(const Scene& scene) const {
   return place->ready;
 }
 
-Result<Mat3> Studio::attitude(const Scene& scene, const State& observer_O) const {
+// With what depends on epoch and observer; bodies that cannot be drawn are told.
+Result<sky::SkySettings> Studio::sky_settings(const Scene& scene) const {
+  sky::SkySettings out = scene.sky;
+  if (scene.refraction) {
+    if (!scene.observer->site) {
+      return fail(ErrorCode::invalid_argument, "there is no air at '{s}'; refraction is for ground:LAT,LON,HEIGHT_M",
+                  {}, "refraction", scene.observer->text);
+    }
+    out.refraction = Refraction({}, ground_zenith(*scene.observer->site, *scene.epoch));
+  }
+  for (const SmallBody& body : out.bodies) {
+    if (const auto held = ephemeris_->resolve(body.id); !held) return forward(held, "bodies");
+  }
+  return out;
+}
+
+Result<void> Studio::check_work(const Scene& scene, const Shot& shot) const {
+  if (std::isinf(room_.scene_work)) return {};
+  const auto refuse = [&](const char* field, const char* text, double work) {
+    return fail(ErrorCode::limit_exceeded, text, {work, room_.scene_work}, field);
+  };
+  const double light = render::painting_work(shot.sources, *shot.camera, scene.effects);
+  if (light > room_.scene_work) {
+    return scene.effects.motion && scene.rate_C_rad_s.norm() > 0.0
+               ? refuse("rate_deg_s",
+                        "the light of this scene takes {0} additions to pixels, and at most {1} are made for a "
+                        "picture: lower the rate, exposure_ms or max_v_mag",
+                        light)
+               : refuse("max_v_mag",
+                        "the light of this scene takes {0} additions to pixels, and at most {1} are made for a "
+                        "picture: lower max_v_mag or exposure_ms, or switch psf_aberrations off",
+                        light);
+  }
+  const double protons = scene.effects.cosmic_rays && scene.format != PixelFormat::electrons
+                             ? proton_work(*shot.camera, shot.exposure_s)
+                             : 0.0;
+  if (protons > room_.scene_work) {
+    return refuse(
+        "exposure_ms",
+        "the protons of this exposure take as long as {0} additions to pixels, and at most {1} are made for a "
+        "picture: lower exposure_ms, or switch cosmic_rays off",
+        protons);
+  }
+  return {};
+}
+
+Result<Mat3> Studio::attitude(const Scene& scene, const sky::SkySettings& settings, const State& observer_O) const {
   if (const auto* R_CN = std::get_if<Mat3>(&scene.attitude)) return *R_CN;
   const auto* law = std::get_if<BodyPointing>(&scene.attitude);
   if (law == nullptr) return fail(ErrorCode::invalid_argument, "a scene needs an attitude", {}, "attitude");
@@ -139,7 +209,8 @@ Result<Mat3> Studio::attitude(const Scene& scene, const State& observer_O) const
     return fail(ErrorCode::invalid_argument, "the observer is at the body's centre", {}, "attitude.body");
   }
   Vec3 direction = seen->relative.p_m / distance;
-  if (scene.sky.aberration) direction = aberrate(direction, observer_O.v_m_s);
+  if (settings.aberration) direction = aberrate(direction, observer_O.v_m_s);
+  if (settings.refraction) direction = settings.refraction->refract(direction);
   const RaDec at = radec_from_direction(direction);
   return R_CN_from_pointing({at.ra_rad, at.dec_rad, law->roll_rad});
 }
@@ -150,7 +221,9 @@ Result<void> Studio::take(const Scene& scene, Shot& shot) const {
   if (!scene.camera) return fail(ErrorCode::invalid_argument, "a scene needs a camera", {}, "camera");
   const auto state = (*scene.observer->observer)(*scene.epoch);
   if (!state) return forward(state, "observer");
-  const auto R_CN = attitude(scene, *state);
+  const auto settings = sky_settings(scene);
+  if (!settings) return forward(settings);
+  const auto R_CN = attitude(scene, *settings, *state);
   if (!R_CN) return forward(R_CN);
 
   const std::shared_ptr<const Ready> camera = ready(scene);
@@ -174,12 +247,13 @@ Result<void> Studio::take(const Scene& scene, Shot& shot) const {
   const double margin_px = kMarginPx + 0.5 * smear_rad / intrinsics.plate_scale_rad_px();
   const double radius_rad =
       std::min(intrinsics.half_diagonal_rad() + 2.0 * margin_px * intrinsics.plate_scale_rad_px(), kPi);
-  const auto seen = sky_.look(*scene.epoch, *state, R_CN->row(2).transpose(), radius_rad, camera->band, scene.sky);
+  const auto seen = sky_.look(*scene.epoch, *state, R_CN->row(2).transpose(), radius_rad, camera->band, *settings);
   if (!seen) return forward(seen, "epoch");
   render::Exposure exposure{.duration_s = shot.exposure_s, .rate_C_rad_s = scene.rate_C_rad_s};
   exposure.sun_C_m = *R_CN * sky_.sun_N_m(*scene.epoch, *state);
   shot.sources = render::place_sources(*seen, *camera->camera, *R_CN, exposure, margin_px, scene.effects);
   if (scene.format == PixelFormat::none) return {};
+  if (auto light = check_work(scene, shot); !light) return light;
   if (scene.format == PixelFormat::electrons) {
     camera->renderer.electrons(shot.sources, exposure, shot.electrons, scene.effects);
     return {};
@@ -225,10 +299,11 @@ Result<Json> Studio::surroundings(const Scene& scene, Shot& shot) const {
   }
   out["field"] = std::move(field);
 
-  sky::SkySettings settings = scene.sky;
-  settings.max_v_mag = kChartMag;
+  auto settings = sky_settings(scene);
+  if (!settings) return forward(settings);
+  settings->max_v_mag = kChartMag;
   const auto all =
-      sky_.look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), kPi, ready(scene)->band, settings);
+      sky_.look(shot.epoch, shot.observer_O, shot.R_CN.row(2).transpose(), kPi, ready(scene)->band, *settings);
   if (!all) return forward(all, "epoch");
   Json stars = Json::array(), bodies = Json::array();
   for (const sky::SkySource& s : *all) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -48,6 +49,7 @@ class Studio {
   struct Room {  // what is kept at most
     std::size_t cameras = 8;
     std::size_t pixels = std::size_t{1} << 25;
+    double scene_work = std::numeric_limits<double>::infinity();  // of a scene: render::painting_work
   };
   // Ephemeris and stars must outlive the studio.
   Studio(const Ephemeris& ephemeris, const StarCatalogue& stars, const Room& room)
@@ -76,7 +78,9 @@ class Studio {
     std::shared_ptr<const Ready> ready;
   };
   std::shared_ptr<const Ready> ready(const Scene& scene) const;
-  Result<Mat3> attitude(const Scene& scene, const State& observer_O) const;
+  Result<sky::SkySettings> sky_settings(const Scene& scene) const;
+  Result<Mat3> attitude(const Scene& scene, const sky::SkySettings& settings, const State& observer_O) const;
+  Result<void> check_work(const Scene& scene, const Shot& shot) const;
 
   const Ephemeris* ephemeris_;
   sky::Sky sky_;
