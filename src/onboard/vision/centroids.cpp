@@ -3,16 +3,19 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <type_traits>
+
+#include <Eigen/Eigenvalues>
 
 namespace astronav::vision {
 namespace {
 
-constexpr std::size_t kMaxRuns = 65536;
-constexpr std::size_t kMaxRegions = 8192;
-constexpr std::size_t kMaxSamples = 32768;
-constexpr int kBlock = 64;  // pixels looked at together when hunting for the rare bright one
+constexpr std::size_t kMaxOthers = 128;
+constexpr std::size_t kMaxBox = 65536;  // px; a larger region is no spot, and its light is not summed
+constexpr std::size_t kConsensus = 5;   // bright spots that can tell what all have in common
+constexpr double kBrightNoise = 20.0;   // peak over noise: then a spot's width is its own, not the threshold's
+constexpr double kLessonSnr = 150.0;    // a star that shows the point-spread function beyond its core
+constexpr int kLessonReach = 9;         // px about it
+constexpr double kExtendedWidth = 1.6;  // of a saturated spot, over the believed
 
 // Rms over one pixel of (centre of squares - truth) for a pixel-integrated Gaussian, noise-free (eq. 3). On one axis:
 // the squares separate.
@@ -34,274 +37,47 @@ double s_curve_rms(double sigma) {
   return std::sqrt(sum2 / kPhases);
 }
 
-// Share of the light of the 3x3 pixels around it that a centred star leaves in its brightest pixel.
-double central_share(double sigma) {
-  const double one = std::erf(0.5 / (std::sqrt(2.0) * sigma));
-  const double three = std::erf(1.5 / (std::sqrt(2.0) * sigma));
-  return one * one / (three * three);
+bool on_border(const Window& box, int width, int height) {
+  return box.u0 == 0 || box.v0 == 0 || box.u1 == width - 1 || box.v1 == height - 1;
 }
 
-template <typename T>
-T largest(const T* p, int n) {
-  T m = p[0];
-  for (int i = 1; i < n; ++i) m = p[i] > m ? p[i] : m;
-  return m;
+// What overflowed along columns makes a saturated spot higher than wide.
+bool bloomed(const Region& region) {
+  return region.saturated_box.height() > region.saturated_box.width() + 2;
 }
 
-void widen(Window& window, int u0, int v, int u1) {
-  window.u0 = std::min(window.u0, u0);
-  window.u1 = std::max(window.u1, u1);
-  window.v0 = std::min(window.v0, v);
-  window.v1 = std::max(window.v1, v);
-}
-
-constexpr Window kNowhere{std::numeric_limits<int>::max(), std::numeric_limits<int>::max(), -1, -1};
-
-Window grow(const Window& window, int margin, int width, int height) {
-  return {std::max(window.u0 - margin, 0), std::max(window.v0 - margin, 0), std::min(window.u1 + margin, width - 1),
-          std::min(window.v1 + margin, height - 1)};
-}
-
-// Wings that are not as believed (a halo that sits beside the core) pull a saturated spot the same way in every frame.
-// The pull grows with brightness as the formal sigma does: with the halo 0.05 px off it was 0.3 to 1.6 times that sigma
-// for planets of V -2 to -6 (docs/adr/0002-what-repeats.md).
-double repeating_sigma(const Mat2& covariance_px2) {
-  return 0.75 * std::sqrt(0.5 * covariance_px2.trace());
+Pixel middle_of(const Window& box) {
+  return {0.5 * (box.u0 + box.u1), 0.5 * (box.v0 + box.v1)};
 }
 
 }  // namespace
 
 CentroidFinder::CentroidFinder(const CentroidSettings& settings, const SensorModel& sensor, int max_width,
                                int max_height)
-    : settings_(settings), sensor_(sensor) {
+    : settings_(settings), sensor_(sensor), psf_(sensor, max_width, max_height), background_(max_width) {
   ASTRONAV_CHECK(max_width > 2 && max_height > 2 && max_width < 32768 && max_height < 32768);
   ASTRONAV_CHECK(sensor.psf_sigma_px > 0.0 && sensor.gain_e_dn > 0.0);
   s_curve_rms_px_ = s_curve_rms(sensor.psf_sigma_px);
-  sharpest_star_ = central_share(sensor.psf_sigma_px * (1.0 - 2.0 * sensor.psf_sigma_relative));
-  runs_.reserve(kMaxRuns);
-  region_of_run_.reserve(kMaxRuns);
-  regions_.reserve(kMaxRegions);
-  order_.reserve(kMaxRegions);
-  histogram_.resize(65536);
-  samples_.reserve(kMaxSamples);
+  order_.reserve(Regions::kMaxRegions);
+  candidates_.resize(static_cast<std::size_t>(std::max(1, settings.max_centroids)));
+  candidates_.clear();
+  others_.reserve(kMaxOthers);
+  excess_.resize(candidates_.capacity());
 }
 
+// A centre of squares, of the region's box and a margin.
 template <typename T>
-FrameLevel CentroidFinder::measure_level(ImageView<const T> image) {
-  const std::size_t width = static_cast<std::size_t>(image.width());
-  const std::size_t total = width * static_cast<std::size_t>(image.height());
-  // A stride that shares no factor with the width visits all columns.
-  std::size_t stride = std::max<std::size_t>(1, (total + kMaxSamples - 1) / kMaxSamples);
-  while (stride > 1 && width % stride == 0) ++stride;
-  double median = 0.0, mad = 0.0;
-  samples_.clear();
-  const auto visit = [&](auto&& use) {
-    std::size_t u = 0, v = 0;
-    for (std::size_t i = 0; i < total; i += stride) {
-      use(image.row(static_cast<int>(v))[u]);
-      for (u += stride; u >= width; u -= width) ++v;
-    }
-  };
-  FrameLevel level;
-  if constexpr (std::is_same_v<T, std::uint16_t>) {
-    std::fill(histogram_.begin(), histogram_.end(), 0u);
-    std::size_t count = 0;
-    visit([&](std::uint16_t x) {
-      ++histogram_[x];
-      ++count;
-    });
-    std::size_t below = 0;
-    int m = 0;
-    while (below + histogram_[m] <= count / 2) below += histogram_[m++];
-    std::size_t within = histogram_[m];
-    int k = 0;
-    while (2 * within < count) {
-      ++k;
-      if (m - k >= 0) within += histogram_[m - k];
-      if (m + k < 65536) within += histogram_[m + k];
-    }
-    median = m;
-    mad = k;
-    // Quantised data: the median is a whole number, so the mean of what lies around it decides (twice).
-    double center = median, sigma = std::max(1.4826 * mad, 0.5);
-    for (int pass = 0; pass < 3; ++pass) {
-      const int lo = std::max(0, static_cast<int>(std::floor(center - 4.0 * sigma - 0.5)));
-      const int hi = std::min(65535, static_cast<int>(std::ceil(center + 4.0 * sigma + 0.5)));
-      double n = 0.0, sum = 0.0, sum2 = 0.0;
-      for (int x = lo; x <= hi; ++x) {
-        const double c = histogram_[x], d = x - median;
-        n += c;
-        sum += c * d;
-        sum2 += c * d * d;
-      }
-      if (n == 0.0) break;
-      center = median + sum / n;
-      sigma = std::max(std::sqrt(std::max(sum2 / n - (sum / n) * (sum / n), 0.0)), 0.3);
-    }
-    level.background_dn = center;
-    level.noise_dn = sigma;
-  } else {
-    visit([&](T x) {
-      if (std::isfinite(x) && samples_.size() < kMaxSamples) samples_.push_back(static_cast<float>(x));
-    });
-    if (samples_.empty()) return level;
-    const auto middle = samples_.begin() + static_cast<std::ptrdiff_t>(samples_.size() / 2);
-    std::nth_element(samples_.begin(), middle, samples_.end());
-    median = *middle;
-    double lower_spread = 0.0;
-    {
-      // The quartile below the median: sources do not reach it.
-      const auto quarter = samples_.begin() + static_cast<std::ptrdiff_t>(samples_.size() / 4);
-      std::nth_element(samples_.begin(), quarter, middle);
-      lower_spread = median - *quarter;
-    }
-    double center = median, sigma = std::max(1.4826 * lower_spread, 1e-6 * std::max(1.0, std::abs(median)));
-    for (int pass = 0; pass < 3; ++pass) {
-      double n = 0.0, sum = 0.0, sum2 = 0.0;
-      for (const float x : samples_) {
-        const double d = x - median;
-        if (std::abs(x - center) > 4.0 * sigma) continue;
-        n += 1.0;
-        sum += d;
-        sum2 += d * d;
-      }
-      if (n == 0.0) break;
-      center = median + sum / n;
-      sigma = std::max(std::sqrt(std::max(sum2 / n - (sum / n) * (sum / n), 0.0)), 1e-9);
-    }
-    level.background_dn = center;
-    level.noise_dn = sigma;
-  }
-  level.threshold_dn =
-      level.background_dn +
-      (settings_.threshold_dn > 0.0 ? settings_.threshold_dn : settings_.threshold_sigma * level.noise_dn);
-  return level;
-}
-
-template <typename T>
-void CentroidFinder::add_run(ImageView<const T> image, const FrameLevel& level, int v, int u0, int u1) {
-  if (runs_.size() == kMaxRuns) {
-    overflowed_ = true;
-    return;
-  }
-  const T* row = image.row(v);
-  double sum = 0.0;
-  T peak = row[u0];
-  for (int u = u0; u <= u1; ++u) {
-    sum += static_cast<double>(row[u]);
-    peak = std::max(peak, row[u]);
-  }
-  // The saturated part of the run: its wings may reach far beyond.
-  int s0 = u0, s1 = u0 - 1;
-  if (static_cast<double>(peak) >= sensor_.saturation_dn) {
-    s1 = u1;
-    while (static_cast<double>(row[s0]) < sensor_.saturation_dn) ++s0;
-    while (static_cast<double>(row[s1]) < sensor_.saturation_dn) --s1;
-  }
-  const double background = level.background_dn;
-  runs_.push_back({static_cast<std::int32_t>(runs_.size()), static_cast<std::int16_t>(v), static_cast<std::int16_t>(u0),
-                   static_cast<std::int16_t>(u1), static_cast<std::int16_t>(s0), static_cast<std::int16_t>(s1),
-                   static_cast<float>(sum - background * (u1 - u0 + 1)),
-                   static_cast<float>(static_cast<double>(peak) - background)});
-}
-
-std::int32_t CentroidFinder::root(std::int32_t run) {
-  while (runs_[run].parent != run) {
-    runs_[run].parent = runs_[runs_[run].parent].parent;
-    run = runs_[run].parent;
-  }
-  return run;
-}
-
-// Runs of neighbouring rows that touch, corners included, belong together.
-void CentroidFinder::join_rows(std::size_t above_first, std::size_t above_last, std::size_t first, std::size_t last) {
-  std::size_t above = above_first;
-  for (std::size_t run = first; run < last; ++run) {
-    while (above < above_last && runs_[above].u1 + 1 < runs_[run].u0) ++above;
-    for (std::size_t other = above; other < above_last && runs_[other].u0 <= runs_[run].u1 + 1; ++other) {
-      const std::int32_t a = root(static_cast<std::int32_t>(other)), b = root(static_cast<std::int32_t>(run));
-      runs_[std::max(a, b)].parent = std::min(a, b);
-    }
-  }
-}
-
-template <typename T>
-void CentroidFinder::collect_runs(ImageView<const T> image, const FrameLevel& level) {
-  runs_.clear();
-  T threshold;
-  if constexpr (std::is_integral_v<T>) {
-    threshold = static_cast<T>(std::clamp(std::floor(level.threshold_dn), 0.0, 65535.0));
-  } else {
-    threshold = static_cast<T>(level.threshold_dn);
-  }
-  std::size_t above_first = 0, above_last = 0;
-  for (int v = 0; v < image.height(); ++v) {
-    const T* row = image.row(v);
-    const std::size_t first = runs_.size();
-    int start = -1;
-    for (int block = 0; block < image.width(); block += kBlock) {
-      const int end = std::min(block + kBlock, image.width());
-      if (start < 0 && end - block == kBlock && !(largest(row + block, kBlock) > threshold)) continue;
-      for (int u = block; u < end; ++u) {
-        const bool bright = row[u] > threshold;
-        if (bright && start < 0) start = u;
-        if (!bright && start >= 0) {
-          add_run(image, level, v, start, u - 1);
-          start = -1;
-        }
-      }
-    }
-    if (start >= 0) add_run(image, level, v, start, image.width() - 1);
-    const std::size_t last = runs_.size();
-    join_rows(above_first, above_last, first, last);
-    above_first = first;
-    above_last = last;
-    if (overflowed_) return;
-  }
-}
-
-void CentroidFinder::collect_regions() {
-  regions_.clear();
-  region_of_run_.clear();
-  for (std::size_t i = 0; i < runs_.size(); ++i) {
-    const Run& run = runs_[i];
-    const std::int32_t parent = root(static_cast<std::int32_t>(i));
-    std::int32_t index;
-    if (parent == static_cast<std::int32_t>(i)) {
-      if (regions_.size() == kMaxRegions) {
-        overflowed_ = true;
-        return;
-      }
-      index = static_cast<std::int32_t>(regions_.size());
-      regions_.push_back({.box = kNowhere, .saturated_box = kNowhere});
-    } else {
-      index = region_of_run_[parent];
-    }
-    region_of_run_.push_back(index);
-    Region& region = regions_[index];
-    widen(region.box, run.u0, run.v, run.u1);
-    region.pixels += run.u1 - run.u0 + 1;
-    region.sum += run.sum;
-    region.peak = std::max(region.peak, static_cast<double>(run.peak));
-    if (run.s0 <= run.s1) {
-      region.saturated = true;
-      widen(region.saturated_box, run.s0, run.v, run.s1);
-    }
-  }
-}
-
-template <typename T>
-bool CentroidFinder::by_squares(ImageView<const T> image, const FrameLevel& level, const Region& region,
-                                Centroid& out) const {
-  const Window window = grow(region.box, 1, image.width(), image.height());
+bool CentroidFinder::by_squares(ImageView<const T> image, const Region& region, Centroid& out) const {
+  const Window window = grown(region.box, 1, image.width(), image.height());
+  const LocalLevel level = background_.at(middle_of(window));
   // The noise adds its variance to every square: taken off again, or empty pixels would pull towards the box's middle.
   const double noise2 = level.noise_dn * level.noise_dn;
-  const double cu = 0.5 * (window.u0 + window.u1), cv = 0.5 * (window.v0 + window.v1);
+  const double cu = level.at.u, cv = level.at.v;
   double w = 0.0, wu = 0.0, wv = 0.0, flux = 0.0, variance_sum = 0.0;
   for (int v = window.v0; v <= window.v1; ++v) {
     const T* row = image.row(v);
     for (int u = window.u0; u <= window.u1; ++u) {
-      const double d = static_cast<double>(row[u]) - level.background_dn;
+      const double d = static_cast<double>(row[u]) - level.under(u, v);
       const double weight = d * d - noise2;
       w += weight;
       wu += weight * (u - cu);
@@ -319,7 +95,7 @@ bool CentroidFinder::by_squares(ImageView<const T> image, const FrameLevel& leve
     for (int u = window.u0; u <= window.u1; ++u) {
       const double dn = static_cast<double>(row[u]);
       if (dn >= sensor_.saturation_dn) continue;  // clipped: no noise, and no news
-      const double d = dn - level.background_dn;
+      const double d = dn - level.under(u, v);
       const double s2 = sensor_.pixel_variance_dn2(d, level.noise_dn);
       // Var(weight) = 4 d^2 s^2 + 2 s^4 with the true d; the square of the measured d is larger by s^2 (eq. 2).
       const double variance = 4.0 * d * d * s2 - 2.0 * s2 * s2;
@@ -338,6 +114,7 @@ bool CentroidFinder::by_squares(ImageView<const T> image, const FrameLevel& leve
     // The shape of the plateau decides now: a pixel more or less at its edge.
     const double edge = std::sqrt(static_cast<double>(std::max(1, region.saturated_box.width())));
     out.covariance_px2 += Mat2::Identity() * std::pow(0.1 / edge, 2);
+    out.repeating_sigma_px = 0.05;  // and the same pixels, where the place repeats
   }
   out.pixel = {cu + mu, cv + mv};
   out.flux_dn = flux;
@@ -346,42 +123,91 @@ bool CentroidFinder::by_squares(ImageView<const T> image, const FrameLevel& leve
 }
 
 template <typename T>
-bool CentroidFinder::by_fit(ImageView<const T> image, const FrameLevel& level, const Region& region,
-                            Centroid& out) const {
-  Pixel guess;
-  Window window;
-  const int reach = static_cast<int>(std::ceil(3.0 * sensor_.psf_sigma_px));
-  if (region.saturated) {
-    guess = {0.5 * (region.saturated_box.u0 + region.saturated_box.u1),
-             0.5 * (region.saturated_box.v0 + region.saturated_box.v1)};
-    window = grow(region.saturated_box, reach + 1, image.width(), image.height());
-  } else {
-    if (!by_squares(image, level, region, out)) return false;
-    guess = out.pixel;
-    const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
-    window = grow({u, v, u, v}, reach, image.width(), image.height());
+bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate, Centroid& out) {
+  const Region& region = regions_.all()[candidate.region];
+  Pixel guess = middle_of(candidate.core);
+  if (!region.saturated) {
+    // A streak is no point-spread function; its centre of squares is the camera's place at mid-exposure.
+    if (moving_) return by_squares(image, region, out);
+    if (candidate.moments.flux > 0.0)
+      guess = {candidate.moments.centre.x(), candidate.moments.centre.y()};
+    else if (by_squares(image, region, out))
+      guess = out.pixel;
+    else
+      return false;
   }
-  if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return by_squares(image, level, region, out);
-  const PsfFit fit = fit_psf(image, window, guess, level.background_dn, level.noise_dn, sensor_);
-  if (!fit.converged || !(fit.covariance_px2(0, 0) < 4.0)) return by_squares(image, level, region, out);
+  const LocalPsf psf = psf_.at(guess);
+  const int reach = static_cast<int>(std::ceil(3.0 * psf.sigma_px()));
+  const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
+  const Window window = region.saturated ? grown(candidate.core, reach + 1, image.width(), image.height())
+                                         : grown({u, v, u, v}, reach, image.width(), image.height());
+  if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return by_squares(image, region, out);
+  const LocalLevel level = background_.at(guess);
+  PsfEvidence evidence;
+  const PsfFit fit =
+      fit_psf(image, window, guess, level, sensor_, psf, region.saturated && !moving_ ? &evidence : nullptr);
+  if (!fit.converged || !(fit.covariance_px2(0, 0) < 4.0)) return by_squares(image, region, out);
   out.pixel = fit.pixel;
   out.covariance_px2 = fit.covariance_px2;
   out.flux_dn = fit.flux_dn;
   out.snr = fit.flux_dn / fit.flux_sigma_dn;
+  if (region.saturated) {
+    out.repeating_sigma_px = fit.repeating_sigma_px;
+    if (settings_.refuse_sharp && fit.sigma_px > kExtendedWidth * psf.sigma_px()) out.kind = SpotKind::extended;
+  }
+  if (settings_.learn_psf && !moving_ && out.kind == SpotKind::point)
+    consider_lesson(image, region, fit, psf, level, evidence);
   return true;
+}
+
+// Bright stars, alone, whose light is a point's.
+template <typename T>
+void CentroidFinder::consider_lesson(ImageView<const T> image, const Region& region, const PsfFit& fit,
+                                     const LocalPsf& psf, const LocalLevel& level, const PsfEvidence& evidence) {
+  if (lesson_count_ == lessons_.size() || fit.flux_dn < kLessonSnr * fit.flux_sigma_dn) return;
+  Lesson& lesson = lessons_[lesson_count_];
+  lesson = {fit.pixel, evidence, region.saturated};
+  const int u = static_cast<int>(std::lround(fit.pixel.u)), v = static_cast<int>(std::lround(fit.pixel.v));
+  const Window window =
+      grown(region.saturated ? region.saturated_box : Window{u, v, u, v}, kLessonReach, image.width(), image.height());
+  if (!alone(window, region)) return;
+  if (region.saturated) {
+    const double misfit = std::max(1.0, fit.chi2_per_dof);
+    lesson.evidence.information /= misfit;
+    lesson.evidence.vector /= misfit;
+  } else if (!psf_evidence(image, window, fit, level, sensor_, psf, lesson.evidence)) {
+    return;
+  }
+  ++lesson_count_;
+}
+
+bool CentroidFinder::alone(const Window& window, const Region& region) const {
+  for (const Region& other : regions_.all()) {
+    if (&other == &region) continue;
+    if (other.box.u0 <= window.u1 && other.box.u1 >= window.u0 && other.box.v0 <= window.v1 &&
+        other.box.v1 >= window.v0)
+      return false;
+  }
+  return true;
+}
+
+void CentroidFinder::learn() {
+  for (std::size_t i = 0; i < lesson_count_; ++i)
+    psf_.learn(lessons_[i].pixel, lessons_[i].evidence, lessons_[i].resolved);
 }
 
 bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, Pixel guess,
                                     const Companion& companion, Centroid& spot) const {
+  const LocalPsf psf = psf_.at(guess);
   const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
-  const int reach = static_cast<int>(std::ceil(3.0 * sensor_.psf_sigma_px));
+  const int reach = static_cast<int>(std::ceil(3.0 * psf.sigma_px()));
   if (u < reach || v < reach || u >= image.width() - reach || v >= image.height() - reach) return false;
   // The saturated core around the guess: a box that grows as long as a saturated pixel touches it.
   Window core{u, v, u, v};
   bool saturated = static_cast<double>(image(u, v)) >= sensor_.saturation_dn;
   for (bool grew = saturated; grew && std::max(core.width(), core.height()) + 2 * (reach + 1) < kMaxFitWindow;) {
     grew = false;
-    const Window ring = grow(core, 1, image.width(), image.height());
+    const Window ring = grown(core, 1, image.width(), image.height());
     for (int j = ring.v0; j <= ring.v1; ++j) {
       for (int i = ring.u0; i <= ring.u1; ++i) {
         const bool inside = i >= core.u0 && i <= core.u1 && j >= core.v0 && j <= core.v1;
@@ -391,81 +217,202 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
       }
     }
   }
-  const Window window = grow(core, saturated ? reach + 1 : reach, image.width(), image.height());
+  const Window window = grown(core, saturated ? reach + 1 : reach, image.width(), image.height());
   if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return false;
-  const PsfFit fit = fit_psf_beside(image, window, guess, level.background_dn, level.noise_dn, sensor_, companion);
+  LocalLevel under = background_.at(guess);
+  if (background_.even()) {
+    under.background_dn = level.background_dn;
+    under.noise_dn = level.noise_dn;
+  }
+  const PsfFit fit = fit_psf_beside(image, window, guess, under, sensor_, psf, companion);
   if (!fit.converged || !(fit.covariance_px2(0, 0) < 4.0)) return false;
   spot.pixel = fit.pixel;
   spot.covariance_px2 = fit.covariance_px2;
   spot.flux_dn = fit.flux_dn;
   spot.snr = fit.flux_dn / fit.flux_sigma_dn;
   spot.saturated = saturated;
-  spot.repeating_sigma_px = saturated ? repeating_sigma(fit.covariance_px2) : 0.0;
+  spot.repeating_sigma_px = saturated ? fit.repeating_sigma_px : 0.0;
   return true;
+}
+
+// A hot pixel comes again, a proton does not.
+SpotKind CentroidFinder::kind_of_sharp(Pixel peak) {
+  if (sharp_count_[0] < kSharp) sharp_[0][sharp_count_[0]++] = peak;
+  for (std::size_t i = 0; i < sharp_count_[1]; ++i) {
+    if (sharp_[1][i].u == peak.u && sharp_[1][i].v == peak.v) return SpotKind::hot_pixel;
+  }
+  return SpotKind::cosmic_ray;
+}
+
+// Light that reaches all along a column: more than half of the image's height, and narrow.
+bool CentroidFinder::smeared(int height) const {
+  for (const Region& region : regions_.all()) {
+    if (2 * region.box.height() > height && 8 * region.pixels < height * region.box.height() && !bloomed(region))
+      return true;
+    if (region.saturated && 2 * region.box.height() > height && 2 * region.saturated_box.height() < region.box.height())
+      return true;
+  }
+  return false;
+}
+
+// The middle of what bright spots have beyond the point-spread function; zero where that is nothing.
+Mat2 CentroidFinder::common_motion() {
+  Mat2 common = Mat2::Zero();
+  moving_ = false;
+  for (const auto& [row, column] : {std::pair{0, 0}, std::pair{0, 1}, std::pair{1, 1}}) {
+    std::size_t n = 0;
+    for (const Candidate& candidate : candidates_) {
+      if (regions_.all()[candidate.region].saturated || candidate.moments.peak_over_noise < kBrightNoise) continue;
+      excess_[n++] = candidate.moments.second(row, column);
+    }
+    if (n < kConsensus) return Mat2::Zero();
+    const auto middle = excess_.begin() + static_cast<std::ptrdiff_t>(n / 2);
+    std::nth_element(excess_.begin(), middle, excess_.begin() + static_cast<std::ptrdiff_t>(n));
+    common(row, column) = common(column, row) = *middle;
+  }
+  const double one = spot_variance_px2(psf_.at({0.0, 0.0}));
+  common -= one * Mat2::Identity();
+  const Eigen::SelfAdjointEigenSolver<Mat2> axes(common);
+  // Half a star's own variance, along one axis: 2 px of motion for a core of 0.8.
+  moving_ = axes.eigenvalues()[1] > 0.5 * one && axes.eigenvalues()[0] < 0.5 * axes.eigenvalues()[1];
+  if (!moving_) return Mat2::Zero();
+  const Vec2 along = axes.eigenvectors().col(1);
+  return axes.eigenvalues()[1] * along * along.transpose();
+}
+
+// Candidates for measurement, brightest first; what is no point goes to the others.
+template <typename T>
+void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
+  const auto regions = regions_.all();
+  order_.clear();
+  for (std::size_t i = 0; i < regions.size(); ++i) {
+    if (regions[i].pixels >= settings_.min_region_px) order_.push_back(static_cast<std::uint32_t>(i));
+  }
+  // As many again as are wanted may be no stars.
+  const std::size_t looked = std::min(order_.size(), 2 * wanted);
+  std::partial_sort(order_.begin(), order_.begin() + static_cast<std::ptrdiff_t>(looked), order_.end(),
+                    [&](std::uint32_t a, std::uint32_t b) { return regions[a].sum > regions[b].sum; });
+  candidates_.clear();
+  const auto set_apart = [&](const Candidate& candidate, SpotKind kind) {
+    if (others_.size() == kMaxOthers) return;
+    const Region& region = regions[candidate.region];
+    Centroid other;
+    other.pixel = candidate.moments.flux > 0.0 ? Pixel{candidate.moments.centre.x(), candidate.moments.centre.y()}
+                                               : middle_of(region.box);
+    other.covariance_px2 = Mat2::Identity();
+    other.flux_dn = region.sum;
+    other.peak_dn = region.peak;
+    other.pixels = region.pixels;
+    other.saturated = region.saturated;
+    other.kind = kind;
+    others_.push_back(other);
+  };
+  for (std::size_t k = 0; k < looked && candidates_.size() < wanted; ++k) {
+    const Region& region = regions[order_[k]];
+    Candidate candidate;
+    candidate.region = order_[k];
+    candidate.core = region.saturated_box;
+    const bool blooming = region.saturated && bloomed(region);
+    if (blooming) candidate.core = core_of_bloomed(image, region.saturated_box, sensor_.saturation_dn);
+    if (on_border(blooming ? candidate.core : region.box, image.width(), image.height())) continue;
+    const bool vast =
+        static_cast<std::size_t>(region.box.width()) * static_cast<std::size_t>(region.box.height()) > kMaxBox;
+    if (!blooming && (vast || region.pixels > settings_.max_region_px)) {
+      if (settings_.refuse_sharp) set_apart(candidate, SpotKind::extended);
+      continue;
+    }
+    if (settings_.refuse_sharp && !region.saturated)
+      candidate.moments = moments_of(image, region, background_.at(middle_of(region.box)), sensor_);
+    candidates_.push_back(candidate);
+  }
+  moving_ = false;
+  if (!settings_.refuse_sharp) return;
+  const Mat2 motion = common_motion();
+  std::size_t kept = 0, bright = 0, sharp = 0;
+  for (Candidate& candidate : candidates_) {
+    const Region& region = regions[candidate.region];
+    candidate.kind = kind_of(region, candidate.moments, psf_.at(middle_of(region.box)), motion);
+    if (candidate.moments.peak_over_noise < kBrightNoise) continue;
+    ++bright;
+    if (candidate.kind == SpotKind::cosmic_ray) ++sharp;
+  }
+  // Where most bright spots are sharper than believed, the belief is wrong and not the spots; once it was learned, it
+  // is not.
+  const bool sharper_optics = bright >= kConsensus && 2 * sharp > bright && !psf_.settled();
+  for (const Candidate& candidate : candidates_) {
+    SpotKind kind = candidate.kind;
+    if (kind == SpotKind::cosmic_ray) kind = sharper_optics ? SpotKind::point : kind_of_sharp(candidate.moments.peak);
+    if (kind == SpotKind::point)
+      candidates_[kept++] = candidate;
+    else
+      set_apart(candidate, kind);
+  }
+  candidates_.resize(kept);
 }
 
 template <typename T>
 std::size_t CentroidFinder::find_in(ImageView<const T> image, const FrameLevel& level, std::span<Centroid> out) {
-  overflowed_ = false;
-  collect_runs(image, level);
-  collect_regions();
-  order_.clear();
-  for (std::size_t i = 0; i < regions_.size(); ++i) {
-    const Region& r = regions_[i];
-    if (r.pixels < settings_.min_region_px || r.pixels > settings_.max_region_px) continue;
-    if (r.box.u0 == 0 || r.box.v0 == 0 || r.box.u1 == image.width() - 1 || r.box.v1 == image.height() - 1) continue;
-    if (settings_.refuse_sharp && r.pixels <= 4 && !r.saturated) {
-      const int u = (r.box.u0 + r.box.u1) / 2, v = (r.box.v0 + r.box.v1) / 2;
-      double sum = 0.0, peak = 0.0;
-      for (int dv = -1; dv <= 1; ++dv) {
-        for (int du = -1; du <= 1; ++du) {
-          const double d = static_cast<double>(image(u + du, v + dv)) - level.background_dn;
-          sum += d;
-          peak = std::max(peak, d);
-        }
-      }
-      const double noise = 3.0 * level.noise_dn;  // of the sum over nine pixels
-      if (peak - sharpest_star_ * sum > 3.0 * std::hypot(noise * sharpest_star_, level.noise_dn)) continue;
-    }
-    order_.push_back(static_cast<std::uint32_t>(i));
+  const auto grow = [&] {
+    regions_.grow(image, background_, level, settings_.threshold_sigma, settings_.threshold_dn, sensor_.saturation_dn);
+  };
+  grow();
+  if (smeared(image.height())) {
+    background_.measure_columns(image);
+    grow();
   }
-  const std::size_t wanted = std::min({out.size(), order_.size(), static_cast<std::size_t>(settings_.max_centroids)});
-  std::partial_sort(order_.begin(), order_.begin() + static_cast<std::ptrdiff_t>(wanted), order_.end(),
-                    [&](std::uint32_t a, std::uint32_t b) { return regions_[a].sum > regions_[b].sum; });
+  others_.clear();
+  std::swap(sharp_[0], sharp_[1]);
+  sharp_count_ = {0, sharp_count_[0]};
+  lesson_count_ = 0;
+  choose(image, std::min(out.size(), static_cast<std::size_t>(settings_.max_centroids)));
   std::size_t count = 0;
-  for (std::size_t k = 0; k < wanted; ++k) {
-    const Region& region = regions_[order_[k]];
+  for (const Candidate& candidate : candidates_) {
+    const Region& region = regions_.all()[candidate.region];
     Centroid& centroid = out[count];
     centroid = Centroid{};
-    const bool measured = settings_.method == CentroidMethod::psf_fit ? by_fit(image, level, region, centroid)
-                                                                      : by_squares(image, level, region, centroid);
+    const bool measured = settings_.method == CentroidMethod::psf_fit ? by_fit(image, candidate, centroid)
+                                                                      : by_squares(image, region, centroid);
     if (!measured) continue;
     centroid.peak_dn = region.peak;
     centroid.pixels = region.pixels;
     centroid.saturated = region.saturated;
-    if (region.saturated) centroid.repeating_sigma_px = repeating_sigma(centroid.covariance_px2);
-    ++count;
+    if (centroid.kind == SpotKind::point)
+      ++count;
+    else if (others_.size() < kMaxOthers)
+      others_.push_back(centroid);
   }
+  learn();
   std::sort(out.begin(), out.begin() + static_cast<std::ptrdiff_t>(count),
             [](const Centroid& a, const Centroid& b) { return a.flux_dn > b.flux_dn; });
   return count;
 }
 
-std::size_t CentroidFinder::find(ImageView<const std::uint16_t> image, std::span<Centroid> out, FrameLevel* level) {
-  const FrameLevel measured = measure_level(image);
+template <typename T>
+std::size_t CentroidFinder::find_whole(ImageView<const T> image, std::span<Centroid> out, FrameLevel* level) {
+  FrameLevel measured = background_.measure(image);
+  measured.threshold_dn =
+      measured.background_dn +
+      (settings_.threshold_dn > 0.0 ? settings_.threshold_dn : settings_.threshold_sigma * measured.noise_dn);
   if (level != nullptr) *level = measured;
   return find_in(image, measured, out);
 }
+
+std::size_t CentroidFinder::find(ImageView<const std::uint8_t> image, std::span<Centroid> out, FrameLevel* level) {
+  return find_whole(image, out, level);
+}
+std::size_t CentroidFinder::find(ImageView<const std::uint16_t> image, std::span<Centroid> out, FrameLevel* level) {
+  return find_whole(image, out, level);
+}
 std::size_t CentroidFinder::find(ImageView<const float> image, std::span<Centroid> out, FrameLevel* level) {
-  const FrameLevel measured = measure_level(image);
-  if (level != nullptr) *level = measured;
-  return find_in(image, measured, out);
+  return find_whole(image, out, level);
 }
 std::size_t CentroidFinder::find_above(ImageView<const std::uint16_t> image, const FrameLevel& level,
                                        std::span<Centroid> out) {
+  background_.set(level);
   return find_in(image, level, out);
 }
 std::size_t CentroidFinder::find_above(ImageView<const float> image, const FrameLevel& level, std::span<Centroid> out) {
+  background_.set(level);
   return find_in(image, level, out);
 }
 

@@ -1,19 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 // CentroidFinder: spots of light in a frame, brightest first, each with the covariance of its place.
 //
-// Regions: pixels above a constant threshold (background + n sigma, or a level given in DN), grown over 8 neighbours,
-// with a margin of one pixel. Place: either the centre of the squared intensities, as in the EXTREMA papers, or a fit
-// of the point-spread function (psf_fit.h). The covariance is that of the estimator used (docs/theory/vision.md eq. 1
-// to 8). Regions at the border of the image, larger than `max_region_px` or sharper than any star are left out.
-// Allocates in its constructor and never again.
+// Regions: pixels above background + n sigma (or a level given in DN), grown over 8 neighbours, with a margin of one
+// pixel; background and noise are one number each, or a map where the frame is uneven (background.h). Place: either the
+// centre of the squared intensities, as in the EXTREMA papers, or a fit of the point-spread function (psf_fit.h), which
+// is learned in flight from saturated and bright stars (psf_model.h). The covariance is that of the estimator used
+// (docs/theory/vision.md eq. 1 to 8). Regions at the border of the image are left out; what is no point of light is set
+// apart. Allocates in its constructor and never again.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "foundation/image/image.h"
+#include "onboard/vision/background.h"
 #include "onboard/vision/psf_fit.h"
+#include "onboard/vision/regions.h"
+#include "onboard/vision/spot_shape.h"
 #include "onboard/vision/types.h"
 
 namespace astronav::vision {
@@ -25,23 +30,19 @@ struct CentroidSettings {
   double threshold_sigma = 5.0;  // above the background, in its noise
   double threshold_dn = 0.0;     // above the background; used instead where > 0
   int min_region_px = 1;
-  int max_region_px = 2000;
+  int max_region_px = 2000;  // more is an extended object
   int max_centroids = 200;   // the brightest are measured
-  bool refuse_sharp = true;  // hot pixels and cosmic rays
+  bool refuse_sharp = true;  // sets apart what is no point of light
+  bool learn_psf = true;     // from frame to frame
 };
 
-struct FrameLevel {
-  double background_dn = 0.0;  // mean of the pixels without sources
-  double noise_dn = 0.0;       // their standard deviation
-  double threshold_dn = 0.0;   // absolute
-};
-
-// Background and noise by a clipped mean over at most 32,768 pixels spread over the frame.
 class CentroidFinder {
  public:
   CentroidFinder(const CentroidSettings& settings, const SensorModel& sensor, int max_width, int max_height);
 
-  // Writes at most out.size() centroids, in order of falling flux; returns how many.
+  // Writes at most out.size() centroids, in order of falling flux; returns how many. Pixels of 8 bits, 16 bits (or
+  // fewer, in the low ones) or float.
+  std::size_t find(ImageView<const std::uint8_t> image, std::span<Centroid> out, FrameLevel* level = nullptr);
   std::size_t find(ImageView<const std::uint16_t> image, std::span<Centroid> out, FrameLevel* level = nullptr);
   std::size_t find(ImageView<const float> image, std::span<Centroid> out, FrameLevel* level = nullptr);
 
@@ -49,57 +50,75 @@ class CentroidFinder {
   std::size_t find_above(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<Centroid> out);
   std::size_t find_above(ImageView<const float> image, const FrameLevel& level, std::span<Centroid> out);
 
-  // Measures one spot again, its companion's light taken away. False, and `spot` untouched, where that fails.
+  // Measures one spot of the last frame again, its companion's light taken away. False, and `spot` untouched, where
+  // that fails.
   bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, Pixel guess,
                       const Companion& companion, Centroid& spot) const;
 
+  // What the last frame showed beside points of light, by its kind; places by the centre of light.
+  std::span<const Centroid> others() const { return others_; }
   // More regions than there is room for: the threshold is too low for this frame.
-  bool overflowed() const { return overflowed_; }
+  bool overflowed() const { return regions_.overflowed(); }
+  // The stars of the last frame were streaks, all alike: the camera turned.
+  bool moving() const { return moving_; }
+  // Whether the last frame's background was a map.
+  bool uneven() const { return !background_.even(); }
   // Systematic part of the squared-intensity centroid (1 sigma an axis, px): the S-curve of a Gaussian of this width.
   double s_curve_rms_px() const { return s_curve_rms_px_; }
 
+  const PsfBelief& psf() const { return psf_; }
+  void forget_psf() { psf_.forget(); }
+
  private:
-  struct Run {
-    std::int32_t parent;
-    std::int16_t v, u0, u1;  // inclusive
-    std::int16_t s0, s1;     // of the saturated pixels; s0 > s1 where there are none
-    float sum, peak;         // above the background
+  struct Candidate {
+    std::uint32_t region = 0;
+    Window core;  // of a saturated one
+    Moments moments;
+    SpotKind kind = SpotKind::point;
   };
-  struct Region {
-    Window box;
-    int pixels = 0;
-    bool saturated = false;
-    double sum = 0.0, peak = 0.0;
-    Window saturated_box;
+  // A spot that may say something of the point-spread function, until the frame is done.
+  struct Lesson {
+    Pixel pixel;
+    PsfEvidence evidence;
+    bool resolved = false;
   };
 
   template <typename T>
-  FrameLevel measure_level(ImageView<const T> image);
+  std::size_t find_whole(ImageView<const T> image, std::span<Centroid> out, FrameLevel* level);
   template <typename T>
   std::size_t find_in(ImageView<const T> image, const FrameLevel& level, std::span<Centroid> out);
   template <typename T>
-  void collect_runs(ImageView<const T> image, const FrameLevel& level);
+  void choose(ImageView<const T> image, std::size_t wanted);
+  Mat2 common_motion();
+  bool smeared(int height) const;
+  SpotKind kind_of_sharp(Pixel peak);
   template <typename T>
-  void add_run(ImageView<const T> image, const FrameLevel& level, int v, int u0, int u1);
-  void join_rows(std::size_t above_first, std::size_t above_last, std::size_t first, std::size_t last);
-  std::int32_t root(std::int32_t run);
-  void collect_regions();
+  bool by_squares(ImageView<const T> image, const Region& region, Centroid& out) const;
   template <typename T>
-  bool by_squares(ImageView<const T> image, const FrameLevel& level, const Region& region, Centroid& out) const;
+  bool by_fit(ImageView<const T> image, const Candidate& candidate, Centroid& out);
   template <typename T>
-  bool by_fit(ImageView<const T> image, const FrameLevel& level, const Region& region, Centroid& out) const;
+  void consider_lesson(ImageView<const T> image, const Region& region, const PsfFit& fit, const LocalPsf& psf,
+                       const LocalLevel& level, const PsfEvidence& evidence);
+  bool alone(const Window& window, const Region& region) const;
+  void learn();
 
   CentroidSettings settings_;
   SensorModel sensor_;
   double s_curve_rms_px_ = 0.0;
-  double sharpest_star_ = 1.0;  // largest share of a star's 3x3 light in one pixel
-  bool overflowed_ = false;
-  std::vector<Run> runs_;
-  std::vector<std::int32_t> region_of_run_;
-  std::vector<Region> regions_;
+  bool moving_ = false;
+  PsfBelief psf_;
+  Background background_;
+  Regions regions_;
   std::vector<std::uint32_t> order_;
-  std::vector<std::uint32_t> histogram_;
-  std::vector<float> samples_;
+  std::vector<Candidate> candidates_;
+  std::vector<Centroid> others_;
+  std::vector<double> excess_;
+  std::array<Lesson, 4> lessons_;  // a frame's; the belief is settled after some dozens
+  std::size_t lesson_count_ = 0;
+  // Pixels that were sharper than any star, in this frame and in the last.
+  static constexpr std::size_t kSharp = 256;
+  std::array<std::array<Pixel, kSharp>, 2> sharp_;
+  std::array<std::size_t, 2> sharp_count_{};
 };
 
 }  // namespace astronav::vision

@@ -1,50 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a point source lies, by a least-squares fit of a pixel-integrated Gaussian (docs/theory/vision.md eq. 4 to 8).
+// Where a point source lies, by a least-squares fit of the point-spread function (docs/theory/vision.md eq. 4 to 8).
 //
-// Two forms. An unsaturated spot: (u, v, flux) are free. A spot with saturated pixels: those are masked, so that the
-// wings decide, and the width and the share and place of a wide halo are free too, each with a prior around what is
-// believed.
+// Two forms. An unsaturated spot: (u, v, flux) are free, and what is not known of the point-spread function is
+// considered: it adds to the covariance what it may have moved the place by. A spot with saturated pixels: those are
+// masked, so that the wings decide, and the six numbers of the point-spread function are free too, with what is
+// believed of them as a prior.
 // The weights are the variances that the model predicts for each pixel (read and background noise as measured in the
-// frame, shot noise, photo-response non-uniformity) plus what the model itself may be wrong by; the covariance is the
-// inverse of the information matrix, so it is the covariance of this very estimator.
+// frame, shot noise, photo-response non-uniformity), for saturated spots plus what no model of wings gets right.
 #pragma once
 
 #include "foundation/image/image.h"
 #include "foundation/math/linear.h"
-#include "models/camera/camera.h"
+#include "onboard/vision/psf_model.h"
+#include "onboard/vision/psf_profile.h"
 
 namespace astronav::vision {
-
-// What the onboard software believes of detector and optics. DN where not said otherwise.
-struct SensorModel {
-  double gain_e_dn = 1.0;
-  double read_noise_e = 0.0;
-  double photo_nonuniformity = 0.0;  // PRNU, 1 sigma
-  double saturation_dn = 65535.0;    // a pixel at or above this tells nothing but "bright"
-  double psf_sigma_px = 0.8;
-  // What the Gaussian may be wrong by, 1 sigma.
-  double halo_fraction = 0.01;  // energy in a wide halo that nobody measured
-  double halo_sigma_px = 3.0;
-  double psf_sigma_relative = 0.08;   // of the width
-  double psf_shape_relative = 0.003;  // of the light in a pixel, for saturated spots
-  double halo_shape_relative = 0.12;  // of the halo's light in a pixel: a halo is no Gaussian
-  double halo_offset_px = 0.2;        // of the halo's centre from the core's, each axis
-
-  // Saturation: 95 % of the lower of full well and converter range, where clipping does not bite yet.
-  static SensorModel from(const Camera& camera);
-  // Variance of a pixel that holds `signal_dn` above a background with the noise `background_sigma_dn`.
-  double pixel_variance_dn2(double signal_dn, double background_sigma_dn) const {
-    const double signal = signal_dn > 0.0 ? signal_dn : 0.0;
-    const double fixed_pattern = photo_nonuniformity * signal;
-    return background_sigma_dn * background_sigma_dn + signal / gain_e_dn + fixed_pattern * fixed_pattern;
-  }
-};
 
 struct PsfFit {
   bool converged = false;
   bool saturated = false;
   Pixel pixel;
   Mat2 covariance_px2 = Mat2::Identity();
+  // The share of the error that comes from the point-spread function: the next image has the same. 1 sigma an axis.
+  double repeating_sigma_px = 0.0;
   double flux_dn = 0.0;
   double flux_sigma_dn = 0.0;
   double sigma_px = 0.0;  // the width, as believed or as found
@@ -57,12 +35,36 @@ struct Window {
   int width() const { return u1 - u0 + 1; }
   int height() const { return v1 - v0 + 1; }
 };
-inline constexpr int kMaxFitWindow = 32;  // px, each way
+
+// What lies under a spot: a plane, where columns are smeared something more for each, and the noise.
+struct LocalLevel {
+  Pixel at;
+  double background_dn = 0.0;                 // there
+  double slope_u_dn = 0.0, slope_v_dn = 0.0;  // a pixel
+  double noise_dn = 0.0;
+  const float* columns_dn = nullptr;  // by the image's column; nullptr: nothing
+
+  double under(int u, int v) const {
+    const double column = columns_dn != nullptr ? static_cast<double>(columns_dn[u]) : 0.0;
+    return background_dn + slope_u_dn * (u - at.u) + slope_v_dn * (v - at.v) + column;
+  }
+};
 
 // `guess` within about 1 px (saturated: 2 px). Does not allocate; at most 100 iterations.
 template <typename T>
+PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
+               const SensorModel& sensor, const LocalPsf& psf, PsfEvidence* evidence = nullptr);
+
+// As believed before any frame, on an even background.
+template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                double background_sigma_dn, const SensorModel& sensor);
+
+// What the light in the window says of the point-spread function, about a fit that is done (of a smaller window, as a
+// rule). False where the window holds something else too.
+template <typename T>
+bool psf_evidence(ImageView<const T> image, const Window& window, const PsfFit& fit, const LocalLevel& level,
+                  const SensorModel& sensor, const LocalPsf& psf, PsfEvidence& evidence);
 
 // Another body whose light falls into the window: its place relative to the spot, and its light. Not as a share of the
 // spot's own flux: that of a saturated spot is known from its wings alone, to 20 %.
@@ -74,7 +76,7 @@ struct Companion {
 // The same beside a companion (the Moon beside the Earth): its light is taken away, and the fit repeated until both
 // agree. Its flux is believed to 10 %; what that moves the place by is added to the covariance.
 template <typename T>
-PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
-                      double background_sigma_dn, const SensorModel& sensor, const Companion& companion);
+PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
+                      const SensorModel& sensor, const LocalPsf& psf, const Companion& companion);
 
 }  // namespace astronav::vision

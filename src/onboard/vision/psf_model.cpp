@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/vision/psf_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/LU>
+
+namespace astronav::vision {
+namespace {
+
+// Of the halo's light in its outer Gaussian: unknown, so between none and all of it.
+constexpr double kOuterShare = 0.3, kOuterShareSigma = 0.3;
+constexpr double kHaloWidthRelative = 0.3;
+// One object differs from the next by this much in width, relative: colour, and a disc if it is a body's.
+constexpr double kWidthOfStars = 0.005, kWidthOfBodies = 0.1;
+// Optics drift with temperature, and no model of them is exact: no belief becomes firmer than this.
+constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.02, kLeastOffsetPx = 0.005;
+
+}  // namespace
+
+SensorModel SensorModel::from(const Camera& camera) {
+  SensorModel model;
+  const Detector& d = camera.detector;
+  model.gain_e_dn = d.gain_e_dn;
+  model.read_noise_e = d.read_noise_e;
+  model.photo_nonuniformity = d.photo_nonuniformity;
+  const double converter = std::ldexp(1.0, d.bits) - 1.0;
+  const double full_well = d.full_well_e > 0.0 ? d.full_well_e / d.gain_e_dn : converter;
+  model.saturation_dn = d.bias_dn + 0.95 * std::min(full_well, converter - d.bias_dn);
+  model.blooming = d.blooming;
+  model.psf_sigma_px = camera.psf.sigma_px;
+  return model;
+}
+
+LocalPsf LocalPsf::from(const SensorModel& sensor) {
+  LocalPsf psf;
+  psf.value << sensor.psf_sigma_px, sensor.halo_fraction, sensor.halo_sigma_px, kOuterShare, 0.0, 0.0;
+  Vector sigma;
+  sigma << sensor.psf_sigma_relative * sensor.psf_sigma_px, 2.0 * sensor.halo_fraction,
+      kHaloWidthRelative * sensor.halo_sigma_px, kOuterShareSigma, sensor.halo_offset_px, sensor.halo_offset_px;
+  psf.covariance = sigma.cwiseAbs2().asDiagonal();
+  return psf;
+}
+
+LocalPsf LocalPsf::of_body() const {
+  LocalPsf psf = *this;
+  psf.covariance(width, width) += kWidthOfBodies * kWidthOfBodies * sigma_px() * sigma_px();
+  return psf;
+}
+
+PsfBelief::PsfBelief(const SensorModel& sensor, int width_px, int height_px)
+    : sensor_(sensor),
+      middle_px_(0.5 * (width_px - 1), 0.5 * (height_px - 1)),
+      half_diagonal_px_(0.5 * std::hypot(width_px, height_px)) {
+  least_sigma_ << kLeastRelative * sensor.psf_sigma_px, kLeastHaloRelative * sensor.halo_fraction,
+      kLeastHaloRelative * sensor.halo_sigma_px, kLeastHaloRelative, kLeastOffsetPx, kLeastOffsetPx,
+      kLeastRelative * sensor.psf_sigma_px;
+  forget();
+}
+
+void PsfBelief::forget() {
+  const LocalPsf before = LocalPsf::from(sensor_);
+  value_ << before.value, 0.0;
+  covariance_.setZero();
+  covariance_.topLeftCorner<LocalPsf::count, LocalPsf::count>() = before.covariance;
+  covariance_(kGrowth, kGrowth) = before.covariance(LocalPsf::width, LocalPsf::width);
+}
+
+bool PsfBelief::settled() const {
+  return std::sqrt(covariance_(LocalPsf::width, LocalPsf::width)) < 0.02 * value_[LocalPsf::width];
+}
+
+PsfBelief::Map PsfBelief::map_at(Pixel pixel) const {
+  Map map = Map::Identity();
+  map(LocalPsf::width, kGrowth) = (pixel.vec() - middle_px_).squaredNorm() / (half_diagonal_px_ * half_diagonal_px_);
+  return map;
+}
+
+LocalPsf PsfBelief::at(Pixel pixel) const {
+  const Map map = map_at(pixel);
+  return {map * value_, map * covariance_ * map.transpose()};
+}
+
+void PsfBelief::learn(Pixel pixel, const PsfEvidence& evidence, bool resolved) {
+  const Map map = map_at(pixel);
+  // The object's own width lies between what its light says and what is believed of all.
+  LocalPsf::Matrix own = LocalPsf::Matrix::Zero();
+  const double width = (resolved ? kWidthOfBodies : kWidthOfStars) * sensor_.psf_sigma_px;
+  own(LocalPsf::width, LocalPsf::width) = width * width;
+  const LocalPsf::Matrix spread = LocalPsf::Matrix::Identity() + evidence.information * own;
+  const Eigen::PartialPivLU<LocalPsf::Matrix> lu(spread);
+  const LocalPsf::Matrix information = lu.solve(evidence.information);
+  const LocalPsf::Vector vector = lu.solve(evidence.vector);
+  const Matrix whole = map.transpose() * information * map;
+  const Eigen::PartialPivLU<Matrix> update(Matrix::Identity() + covariance_ * whole);
+  const Matrix covariance = update.solve(covariance_);
+  const Vector value = value_ + covariance * (map.transpose() * (vector - information * (map * value_)));
+  if (!value.allFinite() || !covariance.allFinite()) return;
+  value_ = value;
+  covariance_ = 0.5 * (covariance + covariance.transpose());
+  for (int k = 0; k < kStates; ++k) {
+    const double lacking = least_sigma_[k] * least_sigma_[k] - covariance_(k, k);
+    if (lacking > 0.0) covariance_(k, k) += lacking;
+  }
+  value_[LocalPsf::width] = std::clamp(value_[LocalPsf::width], 0.5 * sensor_.psf_sigma_px, 2.0 * sensor_.psf_sigma_px);
+  value_[LocalPsf::halo_share] = std::max(value_[LocalPsf::halo_share], 0.0);
+  value_[LocalPsf::halo_width] =
+      std::clamp(value_[LocalPsf::halo_width], 0.4 * sensor_.halo_sigma_px, 2.5 * sensor_.halo_sigma_px);
+  value_[LocalPsf::outer_share] = std::clamp(value_[LocalPsf::outer_share], 0.0, 1.0);
+}
+
+}  // namespace astronav::vision

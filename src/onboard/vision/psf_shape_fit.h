@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// Place, flux and all six numbers of the point-spread function against the light in a window: the normal equations, and
+// Levenberg-Marquardt on them with a prior. Internal to this folder.
+#pragma once
+
+#include <array>
+
+#include "onboard/vision/psf_fit.h"
+
+namespace astronav::vision {
+
+// Pixels of a window in rows of kMaxFitWindow, above the background, and which of them count.
+struct Patch {
+  Window window;
+  double noise_dn = 0.0;
+  alignas(64) std::array<double, kMaxFitWindow * kMaxFitWindow> light;
+  alignas(64) std::array<double, kMaxFitWindow * kMaxFitWindow> counts;  // 1 or 0
+
+  // Width, rounded up to whole groups of lanes.
+  int padded_width() const { return (window.width() + kLanes - 1) / kLanes * kLanes; }
+  bool saturated() const { return saturated_; }
+
+  // Saturated pixels do not count; where the detector blooms, no pixel of their columns does.
+  template <typename T>
+  void load(ImageView<const T> image, const Window& w, const LocalLevel& level, const SensorModel& sensor);
+
+ private:
+  bool saturated_ = false;
+};
+
+class ShapeFit {
+ public:
+  static constexpr int kFlux = 2, kShape = 3, kParameters = kShape + LocalPsf::count;
+  using Vector = Eigen::Matrix<double, kParameters, 1>;  // u, v, ln(flux of the core), shape
+  using Matrix = Eigen::Matrix<double, kParameters, kParameters>;
+
+  ShapeFit(const Patch& patch, const SensorModel& sensor) : patch_(patch), sensor_(sensor) {}
+
+  // A saturated spot. `prior`: what is believed of the point-spread function here.
+  PsfFit run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence);
+
+  // Weights from the model at p, then information and gradient of the likelihood, and chi-square.
+  void look(const Vector& p) {
+    profiles(p);
+    weigh(p);
+    cost_ = linearize(p);
+  }
+  const Matrix& information() const { return information_; }
+  const Vector& gradient() const { return gradient_; }
+  double chi2() const { return cost_; }
+  int pixels() const { return pixels_; }
+  PsfEvidence evidence(const Vector& p) const;
+
+ private:
+  bool inside(const Vector& p) const;
+  bool start_flux(Vector& p);
+  void profiles(const Vector& p);
+  void weigh(const Vector& p);
+  double linearize(const Vector& p);
+
+  const Patch& patch_;
+  const SensorModel& sensor_;
+  AxisProfile x_, y_, inner_x_, inner_y_, outer_x_, outer_y_;
+  alignas(64) std::array<double, kMaxFitWindow * kMaxFitWindow> weight_;
+  Matrix information_;
+  Vector gradient_;
+  double cost_ = 0.0;
+  int pixels_ = 0;
+};
+
+}  // namespace astronav::vision

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/vision/regions.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+namespace astronav::vision {
+namespace {
+
+constexpr std::size_t kMaxRuns = 65536;
+constexpr int kBlock = 64;  // pixels looked at together when hunting for the rare bright one
+
+constexpr Window kNowhere{std::numeric_limits<int>::max(), std::numeric_limits<int>::max(), -1, -1};
+
+void widen(Window& window, int u0, int v, int u1) {
+  window.u0 = std::min(window.u0, u0);
+  window.u1 = std::max(window.u1, u1);
+  window.v0 = std::min(window.v0, v);
+  window.v1 = std::max(window.v1, v);
+}
+
+// One threshold for all pixels of a row, or one for each.
+template <typename T>
+struct Constant {
+  T threshold;
+  bool any(const T* row, int begin) const {
+    T largest = std::numeric_limits<T>::lowest();
+    for (int i = 0; i < kBlock; ++i) largest = row[begin + i] > largest ? row[begin + i] : largest;
+    return largest > threshold;
+  }
+  bool operator()(const T* row, int u) const { return row[u] > threshold; }
+};
+template <typename T>
+struct Varying {
+  const float* threshold;
+  bool any(const T* row, int begin) const {
+    float most = -1.0f;
+    for (int i = begin; i < begin + kBlock; ++i) {
+      const float over = static_cast<float>(row[i]) - threshold[i];
+      most = over > most ? over : most;
+    }
+    return most > 0.0f;
+  }
+  bool operator()(const T* row, int u) const { return static_cast<float>(row[u]) > threshold[u]; }
+};
+
+}  // namespace
+
+Window grown(const Window& window, int margin, int width, int height) {
+  return {std::max(window.u0 - margin, 0), std::max(window.v0 - margin, 0), std::min(window.u1 + margin, width - 1),
+          std::min(window.v1 + margin, height - 1)};
+}
+
+Regions::Regions() {
+  runs_.reserve(kMaxRuns);
+  region_of_run_.reserve(kMaxRuns);
+  regions_.reserve(kMaxRegions);
+}
+
+template <typename T>
+void Regions::add_run(ImageView<const T> image, const Background& background, double saturation_dn, int v, int u0,
+                      int u1) {
+  if (runs_.size() == kMaxRuns) {
+    overflowed_ = true;
+    return;
+  }
+  const T* row = image.row(v);
+  double sum = 0.0;
+  T peak = row[u0];
+  for (int u = u0; u <= u1; ++u) {
+    sum += static_cast<double>(row[u]);
+    peak = std::max(peak, row[u]);
+  }
+  // The saturated part of the run: its wings may reach far beyond.
+  int s0 = u0, s1 = u0 - 1;
+  if (static_cast<double>(peak) >= saturation_dn) {
+    s1 = u1;
+    while (static_cast<double>(row[s0]) < saturation_dn) ++s0;
+    while (static_cast<double>(row[s1]) < saturation_dn) --s1;
+  }
+  const int middle = (u0 + u1) / 2;
+  const double under = background.at({static_cast<double>(middle), static_cast<double>(v)}).under(middle, v);
+  runs_.push_back({static_cast<std::int32_t>(runs_.size()), static_cast<std::int16_t>(v), static_cast<std::int16_t>(u0),
+                   static_cast<std::int16_t>(u1), static_cast<std::int16_t>(s0), static_cast<std::int16_t>(s1),
+                   static_cast<float>(sum - under * (u1 - u0 + 1)),
+                   static_cast<float>(static_cast<double>(peak) - under)});
+}
+
+std::int32_t Regions::root(std::int32_t run) {
+  while (runs_[run].parent != run) {
+    runs_[run].parent = runs_[runs_[run].parent].parent;
+    run = runs_[run].parent;
+  }
+  return run;
+}
+
+// Runs of neighbouring rows that touch, corners included, belong together.
+void Regions::join_rows(std::size_t above_first, std::size_t above_last, std::size_t first, std::size_t last) {
+  std::size_t above = above_first;
+  for (std::size_t run = first; run < last; ++run) {
+    while (above < above_last && runs_[above].u1 + 1 < runs_[run].u0) ++above;
+    for (std::size_t other = above; other < above_last && runs_[other].u0 <= runs_[run].u1 + 1; ++other) {
+      const std::int32_t a = root(static_cast<std::int32_t>(other)), b = root(static_cast<std::int32_t>(run));
+      runs_[std::max(a, b)].parent = std::min(a, b);
+    }
+  }
+}
+
+template <typename T, typename Above>
+void Regions::collect_row(ImageView<const T> image, const Background& background, int v, double saturation_dn,
+                          Above above) {
+  const T* row = image.row(v);
+  int start = -1;
+  for (int block = 0; block < image.width(); block += kBlock) {
+    const int end = std::min(block + kBlock, image.width());
+    if (start < 0 && end - block == kBlock && !above.any(row, block)) continue;
+    for (int u = block; u < end; ++u) {
+      const bool bright = above(row, u);
+      if (bright && start < 0) start = u;
+      if (!bright && start >= 0) {
+        add_run(image, background, saturation_dn, v, start, u - 1);
+        start = -1;
+      }
+    }
+  }
+  if (start >= 0) add_run(image, background, saturation_dn, v, start, image.width() - 1);
+}
+
+template <typename T>
+void Regions::grow(ImageView<const T> image, const Background& background, const FrameLevel& level,
+                   double threshold_sigma, double threshold_dn, double saturation_dn) {
+  overflowed_ = false;
+  runs_.clear();
+  T constant;
+  if constexpr (std::is_integral_v<T>) {
+    const double largest = std::numeric_limits<T>::max();
+    constant = static_cast<T>(std::clamp(std::floor(level.threshold_dn), 0.0, largest));
+  } else {
+    constant = static_cast<T>(level.threshold_dn);
+  }
+  std::size_t above_first = 0, above_last = 0;
+  for (int v = 0; v < image.height() && !overflowed_; ++v) {
+    const std::size_t first = runs_.size();
+    if (background.even()) {
+      collect_row(image, background, v, saturation_dn, Constant<T>{constant});
+    } else {
+      const auto line = background.threshold_row(v, threshold_sigma, threshold_dn, image.width());
+      collect_row(image, background, v, saturation_dn, Varying<T>{line.data()});
+    }
+    const std::size_t last = runs_.size();
+    join_rows(above_first, above_last, first, last);
+    above_first = first;
+    above_last = last;
+  }
+  collect_regions();
+}
+
+template void Regions::grow<std::uint8_t>(ImageView<const std::uint8_t>, const Background&, const FrameLevel&, double,
+                                          double, double);
+template void Regions::grow<std::uint16_t>(ImageView<const std::uint16_t>, const Background&, const FrameLevel&, double,
+                                           double, double);
+template void Regions::grow<float>(ImageView<const float>, const Background&, const FrameLevel&, double, double,
+                                   double);
+
+void Regions::collect_regions() {
+  regions_.clear();
+  region_of_run_.clear();
+  for (std::size_t i = 0; i < runs_.size(); ++i) {
+    const Run& run = runs_[i];
+    const std::int32_t parent = root(static_cast<std::int32_t>(i));
+    std::int32_t index;
+    if (parent == static_cast<std::int32_t>(i)) {
+      if (regions_.size() == kMaxRegions) {
+        overflowed_ = true;
+        return;
+      }
+      index = static_cast<std::int32_t>(regions_.size());
+      regions_.push_back({.box = kNowhere, .saturated_box = kNowhere});
+    } else {
+      index = region_of_run_[parent];
+    }
+    region_of_run_.push_back(index);
+    Region& region = regions_[index];
+    widen(region.box, run.u0, run.v, run.u1);
+    region.pixels += run.u1 - run.u0 + 1;
+    region.sum += run.sum;
+    region.peak = std::max(region.peak, static_cast<double>(run.peak));
+    if (run.s0 <= run.s1) {
+      region.saturated = true;
+      widen(region.saturated_box, run.s0, run.v, run.s1);
+    }
+  }
+}
+
+}  // namespace astronav::vision
