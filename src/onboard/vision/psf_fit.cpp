@@ -173,7 +173,7 @@ class PointFit {
   double chi2_ = 0.0;
 };
 
-// What an error of the point-spread function moves the place by (eq. 8), as it stands in the normal equations.
+// What an error of the point-spread function moves the place by (eq. 7), as it stands in the normal equations.
 void consider_shape(const ShapeFit& about, const LocalPsf& psf, PsfFit& fit) {
   const Eigen::LLT<Mat3> llt(Mat3(about.information().topLeftCorner<ShapeFit::kShape, ShapeFit::kShape>()));
   if (llt.info() != Eigen::Success) return;

@@ -2,7 +2,7 @@
 // What the onboard software believes of its detector and of its optics, and how it learns the latter in flight.
 //
 // The point-spread function at one place is a Gaussian core and a halo beside it: two Gaussians, the outer one twice as
-// wide as the inner, which together fall about as slowly as real wings do (docs/theory/vision.md eq. 7).
+// wide as the inner, which together fall about as slowly as real wings do (docs/theory/vision.md eq. 6).
 #pragma once
 
 #include "foundation/math/linear.h"
