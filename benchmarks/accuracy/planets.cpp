@@ -18,6 +18,7 @@ constexpr double kSunExclusion = 35.0 * kDegree;
 constexpr double kLargestRadiusPx = 2.0;
 constexpr double kRightPx = 1.0;
 constexpr double kStarBlendPx = 5.0;
+constexpr double kBrightStarBlendPx = 10.0;   // brighter than the body
 constexpr double kBodyBlendPx = 12.0;         // Earth and Moon, both saturated
 constexpr double kBrightnessErrorMag = 0.15;  // of what onboard expects
 
@@ -149,7 +150,8 @@ struct Visitor {
   bool is_blended(const render::RenderedSource& body) const {
     for (const render::RenderedSource& s : world.sources) {
       if (&s == &body || s.electrons < body.electrons / 30.0) continue;
-      const double reach = s.source.kind == sky::SourceKind::star ? kStarBlendPx : kBodyBlendPx;
+      const double star_reach = s.electrons > body.electrons ? kBrightStarBlendPx : kStarBlendPx;
+      const double reach = s.source.kind == sky::SourceKind::star ? star_reach : kBodyBlendPx;
       if ((s.pixel.vec() - body.pixel.vec()).norm() < reach) return true;
     }
     return false;

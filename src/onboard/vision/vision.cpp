@@ -117,13 +117,13 @@ double Vision::repeating_of_disc(const PlanetPrediction& prediction) const {
 // it would be off by more than its covariance says, and be refused.
 bool Vision::part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction) {
   constexpr double kNearPx = 4.0;        // a blended centroid lies this near to the planet
-  constexpr double kCompanionPx = 20.0;  // beyond it the light does not reach the window
+  constexpr double kCompanionPx = 20.0;  // beyond it the light does not reach a fit's window
   const Result<PredictedPixel> planet = predict_pixel(prediction, result_.attitude);
   const Result<Pixel> companion =
       project(result_.attitude.intrinsics, result_.attitude.R_CN * prediction.companion_direction_N);
   if (!planet || !companion) return true;
   const Companion beside{companion->vec() - planet->pixel.vec(), prediction.companion_flux_dn};
-  if (beside.offset_px.norm() > kCompanionPx) return true;
+  const double apart_px = beside.offset_px.norm();
   const double sigma_px = std::sqrt(planet->covariance_px2.trace());
   const bool brighter = prediction.expected_flux_dn > prediction.companion_flux_dn;
   std::size_t chosen = result_.centroids.size();
@@ -137,6 +137,8 @@ bool Vision::part_from_companion(ImageView<const std::uint16_t> frame, const Pla
     least = distance;
   }
   if (chosen == result_.centroids.size()) return true;
+  // Two round spots that touch are together at least this long.
+  if (apart_px > kCompanionPx) return 2.0 * std::sqrt(centroids_[chosen].pixels / kPi) < apart_px;
   const Pixel guess = sigma_px < 1.0 ? planet->pixel : centroids_[chosen].pixel;
   return finder_.measure_beside(frame, result_.level, guess, beside, centroids_[chosen]);
 }
