@@ -13,6 +13,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/outputs.h"
 #include "foundation/files/mapped_file.h"
 #include "foundation/math/rotation.h"
 #include "foundation/raster/raster.h"
@@ -309,6 +310,9 @@ Result<int> run(const Options& options) {
   in.frames.resize(options.images.size());
   if (const auto read = read_camera_and_field(options, in); !read) return forward(read);
   if (const auto read = read_epochs_and_observer(options, in); !read) return forward(read);
+  if (!options.out.empty()) {
+    if (const auto open = check_writable(options.out); !open) return forward(open);
+  }
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);
   if (const auto read = read_pictures(options, in); !read) return forward(read);
@@ -349,7 +353,7 @@ void add_calibrate(CLI::App& app, Invocation& invocation) {
   camera->add_option("--epoch", options->epochs, "middle of the exposure: one for all images, or one each")
       ->allow_extra_args(false);
   camera->add_option("--observer", options->observer,
-                     "as for `solve`: for aberration and planets; ground: also for refraction and zenith");
+                     "as for `solve`: aberration and planets; ground: refraction and zenith too");
   camera->add_option("--raw", options->raw, "WIDTHxHEIGHT,u16le,OFFSET");
   camera->add_option("--kernel", options->kernels, "SPK files in place of DE405")->allow_extra_args(false);
   camera->add_option("--catalog", options->catalogue, "star catalogue in place of Hipparcos");

@@ -13,6 +13,7 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/outputs.h"
 #include "cli/wcs.h"
 #include "foundation/files/mapped_file.h"
 #include "foundation/raster/raster.h"
@@ -213,6 +214,10 @@ Result<int> run(const Options& options) {
   if (!request) return forward(request);
   if (options.images.size() != 1 && !(options.wcs.empty() && options.picture.empty()))
     return fail(ErrorCode::invalid_argument, "one image for one file", {}, options.wcs.empty() ? "--picture" : "--wcs");
+  for (const std::string& file : {options.wcs, options.picture}) {
+    if (file.empty()) continue;
+    if (const auto open = check_writable(file); !open) return forward(open);
+  }
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);
   opensky::Solver solver(catalogue->stars);
@@ -261,8 +266,8 @@ void add_solve(CLI::App& app, Invocation& invocation) {
   sub->add_option("--fov", options->fov, "MIN:MAX, horizontal field of view in degrees");
   sub->add_option("--epoch", options->epoch, "middle of the exposure, ISO 8601 with scale (UTC if none)");
   sub->add_option("--observer", options->observer,
-                  "ground:LAT,LON,HEIGHT_M, ssb:X,Y,Z[,VX,VY,VZ] (km, km/s), spk:ID@FILE, oem:FILE or a body:\n"
-                  "for aberration, refraction on the ground, and planets");
+                  "ground:LAT,LON,HEIGHT_M, ssb:X,Y,Z[,VX,VY,VZ], spk:ID@FILE, oem:FILE\n"
+                  "or a body: for aberration, refraction, planets");
   sub->add_option("--near", options->near, "RA,DEC,RADIUS in degrees: the centre lies there");
   sub->add_option("--wcs", options->wcs, "FILE.fits: the picture with its world coordinates");
   sub->add_option("--picture", options->picture, "FILE.png: the picture with its stars and planets marked");

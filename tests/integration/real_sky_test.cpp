@@ -185,10 +185,10 @@ TEST(RealSky, JupiterIsNamedAndItsMoonIsNoStar) {
 
 // An all-sky camera on Svalbard, its calibrated lens believed: Mars by its name.
 TEST(RealSky, MarsIsNamedOverSvalbard) {
-  const auto image = ASTRONAV_SHARED_DATA("images/kho/W8446B18_2020-12-11_20-09-36.img").string();
+  const auto frame = ASTRONAV_SHARED_DATA("images/kho/W8446B18_2020-12-11_20-09-36.img");
   const testing::ScratchFolder scratch;
   const std::string rest =
-      image + " --raw 512x512,u16le,66 --epoch 2020-12-11T20:09:36 --observer ground:78.148,16.043,520 --json";
+      frame.string() + " --raw 512x512,u16le,66 --epoch 2020-12-11T20:09:36 --observer ground:78.148,16.043,520 --json";
   ASSERT_TRUE(told("calibrate camera --fisheye --out kho.toml " + rest, scratch.path()).contains("stars"));
   const json found = told("solve --camera kho.toml " + rest, scratch.path());
   ASSERT_TRUE(found.contains("planets"));

@@ -112,7 +112,8 @@ TEST(AttitudeAgainstAstrometryNet, AMirroredSkyIsRecognised) {
 // blobs, a lattice of lamps. Each at 1e-6.
 TEST(AttitudeAgainstAstrometryNet, NoSkyIsNoMatch) {
   std::map<std::string, Picture> pictures;
-  const auto empty = read_picture(ASTRONAV_SHARED_DATA("images/pifinder/empty.png"));
+  const auto path = ASTRONAV_SHARED_DATA("images/pifinder/empty.png");
+  const auto empty = read_picture(path);
   ASSERT_TRUE(empty) << describe(empty.error());
   pictures["empty"] = *empty;
   RandomStream random({.seed = 3, .purpose = "pictures of anything else"});
