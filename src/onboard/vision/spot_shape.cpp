@@ -94,7 +94,7 @@ double spot_variance_px2(const LocalPsf& psf) {
 
 SpotKind kind_of(const Region& region, const Moments& m, const LocalPsf& psf, const Mat2& motion_px2) {
   if (region.box.width() <= kColumnWidth && region.box.height() >= kColumnHeight) return SpotKind::column;
-  // Saturation blunts all that follows; the fit judges the width of what is saturated.
+  // Saturation blunts all that follows. A saturated spot may be the Earth with the Moon beside it: it stays.
   if (region.saturated) return SpotKind::point;
   const double width = psf.sigma_px();
   const double least_width = width - 2.0 * std::sqrt(psf.covariance(LocalPsf::width, LocalPsf::width));
