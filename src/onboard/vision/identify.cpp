@@ -64,14 +64,20 @@ Identifier::Identifier(const StarField& field, const PairIndex& index, const Int
   candidates_.reserve(kMaxCandidates);
 }
 
+// What is no point, or cannot be seen through this lens, is put behind the camera, where no star is looked for.
 void Identifier::load_spots(std::span<const Centroid> spots) {
   ASTRONAV_CHECK_OP(spots.size(), <=, spot_C_.capacity());
   spot_C_.clear();
   next_.clear();
   std::fill(grid_.begin(), grid_.end(), -1);
   for (std::size_t i = 0; i < spots.size(); ++i) {
+    if (spots[i].kind != SpotKind::point) {
+      spot_C_.push_back(-Vec3::UnitZ());
+      next_.push_back(-1);
+      continue;
+    }
     const Result<Vec3> direction = unproject(camera_, spots[i].pixel);
-    spot_C_.push_back(direction ? *direction : Vec3(0.0, 0.0, -1.0));
+    spot_C_.push_back(direction ? *direction : Vec3(-Vec3::UnitZ()));
     std::int32_t& head = grid_[static_cast<std::size_t>(tile(spots[i].pixel.v, grid_height_)) * grid_width_ +
                                tile(spots[i].pixel.u, grid_width_)];
     next_.push_back(head);
@@ -167,7 +173,7 @@ bool Identifier::confirmed(const Mat3& R_CN, const int (&corner)[3], double radi
   const int needed = 1 + tried / 20;
   int hits = 0;
   for (int i = 0; i < last && hits < needed && hits + last - i >= needed; ++i) {
-    if (i == corner[0] || i == corner[1] || i == corner[2]) continue;
+    if (i == corner[0] || i == corner[1] || i == corner[2] || !(spot_C_[i].z() > 0.0)) continue;
     hits += field_.nearest(R_CN.transpose() * spot_C_[i], radius) >= 0;
   }
   return hits >= needed;

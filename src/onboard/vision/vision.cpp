@@ -72,6 +72,9 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
 
   std::fill(is_star_.begin(), is_star_.end(), static_cast<unsigned char>(0));
   if (known) std::copy(identifier_.on_star().begin(), identifier_.on_star().end(), is_star_.begin());
+  // Nor is a planet a hot pixel, a proton or a streak; a near one may well be wider than a point.
+  for (std::size_t i = 0; i < spots; ++i)
+    if (centroids_[i].kind != SpotKind::point && centroids_[i].kind != SpotKind::extended) is_star_[i] = 1;
   for (std::size_t i = 0; i < predictions.size(); ++i) {
     planets_[i] = PlanetMatch{};
     planets_[i].body = predictions[i].body;
