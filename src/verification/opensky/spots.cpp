@@ -172,6 +172,31 @@ ImageF smoothed_contrast(const ImageF& image, const Tiles& tiles, float least_sp
   return out;
 }
 
+// Background and noise of the smoothed contrasts, which no star pulls: a clipped mean of some 30,000 of them.
+vision::FrameLevel level_of(const ImageF& smoothed, double threshold_sigma) {
+  const std::size_t stride = std::max<std::size_t>(1, smoothed.pixels().size() / 32'768) | 1;
+  std::vector<float> samples, deviations;
+  for (std::size_t i = 0; i < smoothed.pixels().size(); i += stride) samples.push_back(smoothed.pixels()[i]);
+  double middle = static_cast<double>(middle_of(samples));
+  for (const float x : samples) deviations.push_back(std::abs(x - static_cast<float>(middle)));
+  double sigma = 1.4826 * static_cast<double>(middle_of(deviations));
+  for (int pass = 0; pass < 4; ++pass) {
+    double n = 0.0, sum = 0.0, sum2 = 0.0;
+    for (const float x : samples) {
+      const double d = static_cast<double>(x) - middle;
+      if (std::abs(d) > 4.0 * sigma) continue;
+      n += 1.0;
+      sum += d;
+      sum2 += d * d;
+    }
+    if (n < 2.0) break;
+    middle += sum / n;
+    sigma = std::sqrt(std::max(sum2 / n - sum * sum / (n * n), 0.0));
+  }
+  sigma = std::max(sigma, 1e-6);
+  return {.background_dn = middle, .noise_dn = sigma, .threshold_dn = middle + threshold_sigma * sigma};
+}
+
 // One pixel alone, far above its neighbours: no optics does that, not even with half the light in one pixel.
 bool lone_pixel(const ImageF& image, const Tiles& tiles, const vision::Centroid& spot) {
   const int u0 = static_cast<int>(std::lround(spot.pixel.u)), v0 = static_cast<int>(std::lround(spot.pixel.v));
@@ -250,8 +275,8 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   sensor.psf_sigma_px = 1.6;
   vision::CentroidFinder finder(finding, sensor, w, h);
   std::vector<vision::Centroid> found(settings.max_spots);
-  vision::FrameLevel level;
-  const std::size_t count = finder.find(smoothed, found, &level);
+  const vision::FrameLevel level = level_of(smoothed, settings.threshold_sigma);
+  const std::size_t count = finder.find_above(smoothed, level, found);
   found.resize(count);
   out.threshold_dn = (level.threshold_dn - level.background_dn) * out.noise_dn;
 
