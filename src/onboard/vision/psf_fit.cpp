@@ -258,26 +258,30 @@ PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel gues
   ASTRONAV_CHECK(window.width() <= kMaxFitWindow && window.height() <= kMaxFitWindow);
   Patch patch;
   patch.load(image, window, level, sensor);
-  PsfFit fit = fit_patch(patch, guess, sensor, psf, nullptr);
-  const Vec2 first = fit.pixel.vec();
   Patch alone = patch;
   AxisProfile x, y;
-  for (int round = 0; round < kMaxRounds && fit.converged; ++round) {
-    x.compute(window.u0, window.width(), fit.pixel.u + companion.offset_px.x(), fit.sigma_px);
-    y.compute(window.v0, window.height(), fit.pixel.v + companion.offset_px.y(), fit.sigma_px);
+  const auto fit_without = [&](double flux, Pixel from, double sigma_px) {
+    x.compute(window.u0, window.width(), from.u + companion.offset_px.x(), sigma_px);
+    y.compute(window.v0, window.height(), from.v + companion.offset_px.y(), sigma_px);
     for (int j = 0; j < window.height(); ++j) {
       for (int i = 0; i < window.width(); ++i) {
         const auto k = static_cast<std::size_t>(j * kMaxFitWindow + i);
-        alone.light[k] = patch.light[k] - companion.flux_dn * x.share[static_cast<std::size_t>(i)] *
-                                              y.share[static_cast<std::size_t>(j)];
+        alone.light[k] =
+            patch.light[k] - flux * x.share[static_cast<std::size_t>(i)] * y.share[static_cast<std::size_t>(j)];
       }
     }
-    const PsfFit next = fit_patch(alone, fit.pixel, sensor, psf, nullptr);
+    return fit_patch(alone, from, sensor, psf, nullptr);
+  };
+  PsfFit fit = fit_without(companion.flux_dn, guess, psf.sigma_px());
+  for (int round = 0; round < kMaxRounds && fit.converged; ++round) {
+    const PsfFit next = fit_without(companion.flux_dn, fit.pixel, fit.sigma_px);
     const double moved = (next.pixel.vec() - fit.pixel.vec()).norm();
     fit = next;
     if (moved < kConverged) break;
   }
-  const Vec2 shift = kFluxError * (fit.pixel.vec() - first);
+  if (!fit.converged) return fit;
+  const PsfFit other = fit_without((1.0 - kFluxError) * companion.flux_dn, fit.pixel, fit.sigma_px);
+  const Vec2 shift = other.converged ? Vec2(fit.pixel.vec() - other.pixel.vec()) : Vec2::Zero();
   fit.covariance_px2 += shift * shift.transpose();
   return fit;
 }
