@@ -39,7 +39,7 @@ struct AttitudeOptions {
   // Added in quadrature to every centroid: what is wrong with camera and catalogue. The brightest stars are measured to
   // 0.002 px, but a fifth have companions that nobody listed, and a calibrated lens bends lines by some thousandths.
   double extra_sigma_px = 0.004;
-  double gate_sigma = 5.0;      // a star farther off than this (Mahalanobis) is left out, and tried again next time
+  double gate_sigma = 5.0;  // a star farther off than this (Mahalanobis) is left out, and tried again next time
   int max_iterations = 12;
 };
 
