@@ -166,10 +166,12 @@ TEST_F(CommandOutput, CentroidsAndSolve) {
                  "parity",
                  "chance_probability",
                  "focal_px",
+                 "principal_point_px",
                  "distortion",
                  "epoch_tdb",
                  "epoch_assumed",
                  "aberration_corrected",
+                 "refraction_corrected",
                  "stars_detected",
                  "stars_matched",
                  "residual_rms_px",
@@ -180,8 +182,8 @@ TEST_F(CommandOutput, CentroidsAndSolve) {
                 chapter_name);
   expect_fields(s["q_NC"], {"w", "x", "y", "z"}, chapter_name);
   expect_fields(s["attitude_sigma_arcsec"], {"x", "y", "z"}, chapter_name);
-  expect_fields(s["distortion"], {"k1", "k2", "p1", "p2"}, chapter_name);
-  expect_fields(s["time_ms"], {"read", "centroid", "identify", "attitude", "planets", "total"}, chapter_name);
+  expect_fields(s["distortion"], {"k1", "k2", "k3", "p1", "p2"}, chapter_name);
+  expect_fields(s["time_ms"], {"read", "centroid", "lists", "identify", "attitude", "planets", "total"}, chapter_name);
   ASSERT_GT(s["stars"].size(), 10u);
   expect_fields(s["stars"][0], {"id", "u_px", "v_px", "residual_px", "flux_dn", "mag"}, chapter_name);
   EXPECT_NEAR(s["ra_deg"].get<double>(), 83.8, 0.01);
