@@ -236,7 +236,7 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
   spot.flux_dn = fit.flux_dn;
   spot.snr = fit.flux_dn / fit.flux_sigma_dn;
   spot.saturated = saturated;
-  spot.repeating_sigma_px = saturated ? repeating_sigma(fit) : 0.0;
+  spot.repeating_sigma_px = saturated ? repeating_sigma(fit) : fit.repeating_sigma_px;
   return true;
 }
 

@@ -282,7 +282,8 @@ PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel gues
   if (!fit.converged) return fit;
   const PsfFit other = fit_without((1.0 - kFluxError) * companion.flux_dn, fit.pixel, fit.sigma_px);
   const Vec2 shift = other.converged ? Vec2(fit.pixel.vec() - other.pixel.vec()) : Vec2::Zero();
-  fit.covariance_px2 += shift * shift.transpose();
+  // The companion's light is as wrong in the next image.
+  fit.repeating_sigma_px = std::hypot(fit.repeating_sigma_px, shift.norm() / std::sqrt(2.0));
   return fit;
 }
 

@@ -74,7 +74,7 @@ struct Companion {
 };
 
 // The same beside a companion (the Moon beside the Earth): its light is taken away, and the fit repeated until both
-// agree. Its flux is believed to 10 %; what that moves the place by is added to the covariance.
+// agree. Its flux is believed to 10 %; what that moves the place by repeats from image to image.
 template <typename T>
 PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
                       const SensorModel& sensor, const LocalPsf& psf, const Companion& companion);

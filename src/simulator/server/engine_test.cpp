@@ -112,7 +112,8 @@ TEST(Engine, SourcesTakeTurns) {
                              static_cast<char>('A' + i));
     }
     const auto [least, most] = std::ranges::minmax(counts);
-    ASSERT_LE(most - least, 5) << begun.names.substr(0, n);  // who was first had four under way before others came
+    // Who was first had four under way before others came, and two workers may begin out of turn.
+    ASSERT_LE(most - least, 6) << begun.names.substr(0, n);
   }
 }
 
