@@ -34,7 +34,7 @@ void frame(benchmark::State& state) {
   StreamId noise;
   for (auto _ : state) {
     ++noise.image;
-    renderer.frame(sources, camera.exposure_s, noise, image);
+    renderer.frame(sources, {.duration_s = camera.exposure_s}, noise, image);
     benchmark::DoNotOptimize(image.pixels().data());
   }
   state.counters["fps"] = benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
@@ -48,7 +48,7 @@ void frame_without_sources(benchmark::State& state) {
   StreamId noise;
   for (auto _ : state) {
     ++noise.image;
-    renderer.frame({}, camera.exposure_s, noise, image);
+    renderer.frame({}, {.duration_s = camera.exposure_s}, noise, image);
     benchmark::DoNotOptimize(image.pixels().data());
   }
 }
@@ -60,7 +60,7 @@ void expected_electrons(benchmark::State& state) {
   const auto sources = star_field(1024, 150);
   ImageF image;
   for (auto _ : state) {
-    renderer.electrons(sources, camera.exposure_s, image);
+    renderer.electrons(sources, {.duration_s = camera.exposure_s}, image);
     benchmark::DoNotOptimize(image.pixels().data());
   }
 }
@@ -71,7 +71,7 @@ void new_detector(benchmark::State& state) {
   ImageU16 image;
   for (auto _ : state) {
     const Renderer renderer(camera, 1);
-    renderer.frame({}, camera.exposure_s, {}, image);
+    renderer.frame({}, {.duration_s = camera.exposure_s}, {}, image);
     benchmark::DoNotOptimize(image.pixels().data());
   }
 }

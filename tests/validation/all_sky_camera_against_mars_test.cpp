@@ -65,7 +65,8 @@ TEST_F(AllSkyCamera, MarsStandsWhereItsStarsForetellIt) {
   const Json at = found["frames"][0]["boresight"];
   const std::string pointing = at["ra_deg"].dump() + "," + at["dec_deg"].dump() + "," + at["roll_deg"].dump();
   const Outcome rendered =
-      astronav("render --camera kho.toml --refraction --max-v 4 --out kho.fits --truth kho.json --pointing " + pointing + kWhere);
+      astronav("render --camera kho.toml --refraction --max-v 4 --out kho.fits --truth kho.json --pointing " +
+               pointing + kWhere);
   ASSERT_EQ(rendered.status, 0) << rendered.err;
   const Json truth = Json::parse(testing::read_text(scratch_.path() / "kho.json"));
   bool drawn = false;
@@ -106,7 +107,8 @@ TEST_F(AllSkyCamera, NeedsNeitherPlaceNorParity) {
 TEST_F(AllSkyCamera, ShippedPresetIsRenderedAndFoundAgain) {
   const std::string where = " --epoch 2026-11-22T02:00:00 --observer ground:52,10,100";
   const Outcome rendered = astronav(
-      "render --camera all-sky-fisheye --refraction --max-v 8 --pointing 100,50,10 --out sky.fits --truth sky.json" + where);
+      "render --camera all-sky-fisheye --refraction --max-v 8 --pointing 100,50,10 --out sky.fits --truth sky.json" +
+      where);
   ASSERT_EQ(rendered.status, 0) << rendered.err;
   const double fx = 4.0 / 13e-3;  // focal length over pitch
   int behind = 0;
