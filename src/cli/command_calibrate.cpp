@@ -2,8 +2,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -86,6 +88,17 @@ Result<void> read_camera_and_field(const Options& options, Inputs& in) {
     const auto near = parse_near(options.near);
     if (!near) return forward(near);
     in.request.near = *near;
+  }
+  return {};
+}
+
+Result<void> check_each_is_another(const Options& options) {
+  std::set<std::filesystem::path> seen;
+  for (const std::string& image : options.images) {
+    std::error_code ignored;
+    if (!seen.insert(std::filesystem::weakly_canonical(image, ignored)).second) {
+      return fail(ErrorCode::invalid_argument, "the same picture twice would count its stars twice", {}, image);
+    }
   }
   return {};
 }
@@ -306,6 +319,7 @@ void tell(const opensky::Calibration& c, const Options& options) {
 }
 
 Result<int> run(const Options& options) {
+  if (const auto all = check_each_is_another(options); !all) return forward(all);
   Inputs in;
   in.frames.resize(options.images.size());
   if (const auto read = read_camera_and_field(options, in); !read) return forward(read);

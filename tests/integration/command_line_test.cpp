@@ -293,6 +293,7 @@ const std::vector<Bad> kBad{
     {"calibrate", "A subcommand is required"},
     {"calibrate kamera", "did you mean 'astronav calibrate camera'?"},
     {"calibrate camera", "images is required"},
+    {"calibrate camera frame.fits ./frame.fits", "would count its stars twice"},
     {"calibrate camera frame.fits --fov nan", "'nan' is not MIN:MAX"},
     {"calibrate camera frame.fits --fov 3:200", "'3:200' is no field of view"},
     {"calibrate camera frame.fits --fisheye --fov 3:400", "0 < MIN <= MAX < 360"},

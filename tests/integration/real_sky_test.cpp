@@ -108,6 +108,7 @@ TEST(RealSky, ParallaxIsNeeded) {
                                "--wcs-from-header", "--targets", targets, "--observer", "ssb:0,0,0"},
                               scratch.path());
   ASSERT_TRUE(found.contains("targets"));
+  ASSERT_FALSE(found["targets"].empty());
   for (const json& target : found["targets"])
     EXPECT_TRUE(!target.contains("residual_px") || target["residual_px"].get<double>() > 1.0);
 }
