@@ -14,6 +14,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kReadBytes = 65536;
+constexpr int kSendBytes = 1 << 18;
 constexpr std::size_t kMostPlaces = 64;      // answers under way, of a session
 constexpr double kSlowestBytesPerS = 100e3;  // that a client has to take
 constexpr std::uint32_t kMostHelloBytes = 65536;
@@ -89,6 +90,8 @@ Session::Session(Engine& engine, asio::ip::tcp::socket socket, std::string token
   socket_.set_option(asio::ip::tcp::no_delay(true), ignored);
   socket_.set_option(asio::socket_base::keep_alive(true), ignored);
   socket_.non_blocking(true, ignored);
+  // A picture goes out in pieces that stay in the processor's cache until the client has them.
+  socket_.set_option(asio::socket_base::send_buffer_size(kSendBytes), ignored);
 }
 
 void Session::start() {
