@@ -44,6 +44,19 @@ double repeating_sigma(const PsfFit& fit) {
   return std::hypot(fit.repeating_sigma_px, kLeast);
 }
 
+// A place known to 2 px, or worse, is none.
+bool usable(const PsfFit& fit) {
+  return fit.converged && fit.covariance_px2(0, 0) < 4.0;
+}
+
+// What repeats is for the caller to say.
+void take(const PsfFit& fit, Centroid& spot) {
+  spot.pixel = fit.pixel;
+  spot.covariance_px2 = fit.covariance_px2;
+  spot.flux_dn = fit.flux_dn;
+  spot.snr = fit.flux_dn / fit.flux_sigma_dn;
+}
+
 bool on_border(const Window& box, int width, int height) {
   return box.u0 == 0 || box.v0 == 0 || box.u1 == width - 1 || box.v1 == height - 1;
 }
@@ -144,7 +157,7 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
       return false;
   }
   const LocalPsf psf = psf_.at(guess);
-  const int reach = static_cast<int>(std::ceil(3.0 * psf.sigma_px()));
+  const int reach = psf.reach_px();
   const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
   const Window window = region.saturated ? grown(candidate.core, reach + 1, image.width(), image.height())
                                          : grown({u, v, u, v}, reach, image.width(), image.height());
@@ -153,14 +166,9 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
   PsfEvidence evidence;
   const PsfFit fit =
       fit_psf(image, window, guess, level, sensor_, psf, region.saturated && !moving_ ? &evidence : nullptr);
-  if (!fit.converged || !(fit.covariance_px2(0, 0) < 4.0)) return by_squares(image, region, out);
-  out.pixel = fit.pixel;
-  out.covariance_px2 = fit.covariance_px2;
-  out.flux_dn = fit.flux_dn;
-  out.snr = fit.flux_dn / fit.flux_sigma_dn;
-  if (region.saturated) {
-    out.repeating_sigma_px = repeating_sigma(fit);
-  }
+  if (!usable(fit)) return by_squares(image, region, out);
+  take(fit, out);
+  if (region.saturated) out.repeating_sigma_px = repeating_sigma(fit);
   if (settings_.learn_psf && !moving_) consider_lesson(image, region, fit, psf, level, evidence);
   return true;
 }
@@ -177,9 +185,7 @@ void CentroidFinder::consider_lesson(ImageView<const T> image, const Region& reg
       grown(region.saturated ? region.saturated_box : Window{u, v, u, v}, kLessonReach, image.width(), image.height());
   if (!alone(window, region)) return;
   if (region.saturated) {
-    const double misfit = std::max(1.0, fit.chi2_per_dof);
-    lesson.evidence.information /= misfit;
-    lesson.evidence.vector /= misfit;
+    lesson.evidence.weaken(fit.chi2_per_dof);
   } else if (!psf_evidence(image, window, fit, level, sensor_, psf, lesson.evidence)) {
     return;
   }
@@ -205,7 +211,7 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
                                     const Companion& companion, Centroid& spot) const {
   const LocalPsf psf = psf_.at(guess);
   const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
-  const int reach = static_cast<int>(std::ceil(3.0 * psf.sigma_px()));
+  const int reach = psf.reach_px();
   if (u < reach || v < reach || u >= image.width() - reach || v >= image.height() - reach) return false;
   // The saturated core around the guess: a box that grows as long as a saturated pixel touches it.
   Window core{u, v, u, v};
@@ -230,11 +236,8 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
     under.noise_dn = level.noise_dn;
   }
   const PsfFit fit = fit_psf_beside(image, window, guess, under, sensor_, psf, companion);
-  if (!fit.converged || !(fit.covariance_px2(0, 0) < 4.0)) return false;
-  spot.pixel = fit.pixel;
-  spot.covariance_px2 = fit.covariance_px2;
-  spot.flux_dn = fit.flux_dn;
-  spot.snr = fit.flux_dn / fit.flux_sigma_dn;
+  if (!usable(fit)) return false;
+  take(fit, spot);
   spot.saturated = saturated;
   spot.repeating_sigma_px = saturated ? repeating_sigma(fit) : fit.repeating_sigma_px;
   return true;

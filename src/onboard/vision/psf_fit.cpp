@@ -16,7 +16,6 @@ namespace {
 constexpr int kMaxIterations = 40;
 constexpr double kConverged = 1e-3;  // px; the next step would be a hundredth of that
 constexpr double kBlendChi2 = 2.5;   // per degree of freedom: beyond it something else is in the window
-constexpr double kOuterWidth = 2.0;
 
 PsfFit inflated(PsfFit fit) {
   if (fit.chi2_per_dof > kBlendChi2) fit.covariance_px2 *= fit.chi2_per_dof;
@@ -90,8 +89,8 @@ class PointFit {
     AxisProfile ax, ay, bx, by;
     ax.compute(w.u0, w.width(), u, width);
     ay.compute(w.v0, w.height(), v, width);
-    bx.compute(w.u0, w.width(), u, kOuterWidth * width);
-    by.compute(w.v0, w.height(), v, kOuterWidth * width);
+    bx.compute(w.u0, w.width(), u, LocalPsf::kOuterWidth * width);
+    by.compute(w.v0, w.height(), v, LocalPsf::kOuterWidth * width);
     for (int j = 0; j < w.height(); ++j) {
       const double of_inner = inner * ay.share[static_cast<std::size_t>(j)];
       const double of_outer = outer * by.share[static_cast<std::size_t>(j)];
@@ -244,8 +243,7 @@ bool psf_evidence(ImageView<const T> image, const Window& window, const PsfFit& 
   // No point-spread function is of this form, so a bright star always leaves something; beyond this it is two stars.
   constexpr double kMostMisfit = 10.0;
   if (misfit > kMostMisfit) return false;
-  evidence.information /= std::max(1.0, misfit);
-  evidence.vector /= std::max(1.0, misfit);
+  evidence.weaken(misfit);
   return true;
 }
 

@@ -5,6 +5,9 @@
 // wide as the inner, which together fall about as slowly as real wings do (docs/theory/vision.md eq. 6).
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+
 #include "foundation/math/linear.h"
 #include "models/camera/camera.h"
 
@@ -39,6 +42,7 @@ struct SensorModel {
 // The point-spread function at one place, with the covariance of what is not known about it.
 struct LocalPsf {
   enum Parameter : int { width, halo_share, halo_width, outer_share, halo_u, halo_v, count };
+  static constexpr double kOuterWidth = 2.0;  // of the halo's outer Gaussian, in its inner one's
   using Vector = Eigen::Matrix<double, count, 1>;
   using Matrix = Eigen::Matrix<double, count, count>;
 
@@ -46,6 +50,8 @@ struct LocalPsf {
   Matrix covariance = Matrix::Identity();
 
   double sigma_px() const { return value[width]; }
+  // Half the side of the window that holds a star's core: three widths.
+  int reach_px() const { return static_cast<int>(std::ceil(3.0 * sigma_px())); }
   // As believed before any frame.
   static LocalPsf from(const SensorModel& sensor);
   // Of a body that may be a small disc: its light is wider by 10 % (1 sigma), a radius of 0.9 times the width.
@@ -57,6 +63,12 @@ struct LocalPsf {
 struct PsfEvidence {
   LocalPsf::Matrix information = LocalPsf::Matrix::Zero();
   LocalPsf::Vector vector = LocalPsf::Vector::Zero();
+
+  // Of light that no such function fits: chi-square per degree of freedom above one.
+  void weaken(double misfit) {
+    information /= std::max(1.0, misfit);
+    vector /= std::max(1.0, misfit);
+  }
 };
 
 // The point-spread function of the whole field: width = middle + growth r^2, r from the image's middle in half its

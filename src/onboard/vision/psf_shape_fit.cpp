@@ -12,7 +12,6 @@ namespace {
 
 constexpr int kMaxIterations = 40;
 constexpr double kConverged = 1e-4;  // px
-constexpr double kOuterWidth = 2.0;  // of the halo's outer Gaussian, in its inner one's
 
 double at(const std::array<double, kMaxFitWindow>& values, int i) {
   return values[static_cast<std::size_t>(i)];
@@ -66,8 +65,8 @@ void ShapeFit::profiles(const Vector& p) {
   y_.compute(w.v0, w.height(), p(1), shape(LocalPsf::width));
   inner_x_.compute(w.u0, w.width(), p(0) + shape(LocalPsf::halo_u), width);
   inner_y_.compute(w.v0, w.height(), p(1) + shape(LocalPsf::halo_v), width);
-  outer_x_.compute(w.u0, w.width(), p(0) + shape(LocalPsf::halo_u), kOuterWidth * width);
-  outer_y_.compute(w.v0, w.height(), p(1) + shape(LocalPsf::halo_v), kOuterWidth * width);
+  outer_x_.compute(w.u0, w.width(), p(0) + shape(LocalPsf::halo_u), LocalPsf::kOuterWidth * width);
+  outer_y_.compute(w.v0, w.height(), p(1) + shape(LocalPsf::halo_v), LocalPsf::kOuterWidth * width);
 }
 
 // The median of the fluxes that the brightest unsaturated pixels ask for is the start. Around a very bright core they
@@ -146,7 +145,7 @@ double ShapeFit::linearize(const Vector& p) {
     const double ay = flux * at(inner_y_.share, j), ay_c = flux * at(inner_y_.by_center, j),
                  ay_s = flux * at(inner_y_.by_sigma, j);
     const double by = flux * at(outer_y_.share, j), by_c = flux * at(outer_y_.by_center, j),
-                 by_s = flux * kOuterWidth * at(outer_y_.by_sigma, j);
+                 by_s = flux * LocalPsf::kOuterWidth * at(outer_y_.by_sigma, j);
     for (int group = 0; group < patch_.padded_width(); group += kLanes) {
       const auto first = static_cast<std::size_t>(group);
       const std::size_t pixel = static_cast<std::size_t>(j * kMaxFitWindow) + first;
@@ -169,7 +168,7 @@ double ShapeFit::linearize(const Vector& p) {
         jacobian[kShape + LocalPsf::halo_share][l] = halo;
         jacobian[kShape + LocalPsf::halo_width][l] =
             share * (inner * (ay * inner_x_.by_sigma[i] + ay_s * inner_x_.share[i]) +
-                     outer * (by * kOuterWidth * outer_x_.by_sigma[i] + by_s * outer_x_.share[i]));
+                     outer * (by * LocalPsf::kOuterWidth * outer_x_.by_sigma[i] + by_s * outer_x_.share[i]));
         jacobian[kShape + LocalPsf::outer_share][l] = share * (b - a);
         jacobian[kShape + LocalPsf::halo_u][l] = share * halo_u;
         jacobian[kShape + LocalPsf::halo_v][l] = share * halo_v;

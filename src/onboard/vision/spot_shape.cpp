@@ -88,7 +88,8 @@ template Moments moments_of<float>(ImageView<const float>, const Region&, const 
 
 double spot_variance_px2(const LocalPsf& psf) {
   const double width = psf.sigma_px(), halo = psf.value[LocalPsf::halo_width];
-  const double of_halo = halo * halo * (1.0 + 3.0 * psf.value[LocalPsf::outer_share]);
+  constexpr double kOuterMore = LocalPsf::kOuterWidth * LocalPsf::kOuterWidth - 1.0;
+  const double of_halo = halo * halo * (1.0 + kOuterMore * psf.value[LocalPsf::outer_share]);
   return width * width + 1.0 / 12.0 + psf.value[LocalPsf::halo_share] * of_halo;
 }
 
