@@ -15,13 +15,13 @@ namespace {
 constexpr std::array kBodies{body::mercury, body::venus,   body::earth,  body::moon,
                              body::mars,    body::jupiter, body::saturn, body::uranus};
 constexpr std::int8_t kNothing = -1;
-constexpr double kGate1 = 23.9;      // chi-square, one degree of freedom: one in a million
-constexpr double kGate2 = 27.6;      // two degrees
-constexpr double kMagnitudes = 6.0;  // over which false spots are spread
-constexpr double kEdgePx = 20.0;     // a planet nearer to the edge may be lost
-constexpr double kBlendPx = 6.0;     // two bodies nearer to each other may be one spot
-constexpr double kObliquity = 23.4392911 * kDegree;
-constexpr double kSunGm = 1.32712440041e20;
+constexpr double kGate1 = 23.9;                        // chi-square, one degree of freedom: one in a million
+constexpr double kGate2 = 27.6;                        // two degrees
+constexpr double kMagnitudes = 6.0;                    // over which false spots are spread
+constexpr double kEdgePx = 20.0;                       // a planet nearer to the edge may be lost
+constexpr double kBlendPx = 6.0;                       // two bodies nearer to each other may be one spot
+constexpr double kObliquity = 84381.448 * kArcsecond;  // of the ecliptic of J2000, IAU 1976
+const Vec3 kEclipticNorth(0.0, -std::sin(kObliquity), std::cos(kObliquity));
 
 using Naming = std::array<std::int8_t, kMaxSurveySpots>;  // index into kBodies
 
@@ -57,11 +57,15 @@ class Surveyor {
   double seconds(std::size_t frame) const { return (frames_[frame].epoch - frames_[0].epoch).seconds(); }
   // A circle in the plane of the ecliptic.
   Vec3 guessed_velocity(const Vec3& p) const {
-    const Vec3 north(0.0, -std::sin(kObliquity), std::cos(kObliquity));
-    const Vec3 along = north.cross(p).normalized();
-    return along * std::sqrt(kSunGm / p.norm());
+    return kEclipticNorth.cross(p).normalized() * std::sqrt(gm_sun_ / p.norm());
   }
   double sight_sigma(const SurveySpot& spot, double distance) const;
+  // How far a body, seen from p, stands off the sight of a spot; nothing where it is behind the spacecraft.
+  struct Miss {
+    Vec3 across_m;
+    double sigma_m;
+  };
+  std::optional<Miss> miss(const SurveySpot& spot, int body, const Vec3& p) const;
   std::optional<Fix> fix(const Naming& naming) const;
   bool possible(const Vec3& p) const;
   void extend(Hypothesis& h) const;
@@ -76,11 +80,15 @@ class Surveyor {
   SurveySettings settings_;
   std::array<std::array<State, kBodies.size()>, kMaxSurveyFrames> states_{};
   std::array<Vec3, kMaxSurveyFrames> sun_{};
+  double gm_sun_ = 0.0;  // m3/s2
   std::array<Hypothesis, 32> kept_{};
   std::size_t kept_count_ = 0;
 };
 
 Result<void> Surveyor::load(const Ephemeris& ephemeris) {
+  const Result<BodyConstants> sun_constants = body_constants(body::sun);
+  if (!sun_constants) return forward(sun_constants);
+  gm_sun_ = sun_constants->gm_m3_s2;
   for (std::size_t f = 0; f < frames_.size(); ++f) {
     const auto sun = ephemeris.state(body::sun, body::solar_system_barycenter, frames_[f].epoch);
     if (!sun) return forward(sun);
@@ -106,9 +114,16 @@ double Surveyor::sight_sigma(const SurveySpot& spot, double distance) const {
   return std::sqrt(spot.sigma_rad * spot.sigma_rad + aberration * aberration + way * way);
 }
 
+std::optional<Surveyor::Miss> Surveyor::miss(const SurveySpot& spot, int body, const Vec3& p) const {
+  const Vec3 to = source(spot.frame, body, p) - p;
+  const double along = to.dot(spot.direction_N), distance = to.norm();
+  if (along <= 0.0) return std::nullopt;
+  return Miss{to - along * spot.direction_N, distance * sight_sigma(spot, distance)};
+}
+
 bool Surveyor::possible(const Vec3& p) const {
   const Vec3 from_sun = (p - sun_[0]) / kAstronomicalUnit;
-  const double height = from_sun.dot(Vec3(0.0, -std::sin(kObliquity), std::cos(kObliquity)));
+  const double height = from_sun.dot(kEclipticNorth);
   return from_sun.norm() > settings_.least_distance_au && from_sun.norm() < settings_.most_distance_au &&
          std::abs(height) < settings_.most_height_au;
 }
@@ -146,12 +161,9 @@ std::optional<Fix> Surveyor::fix(const Naming& naming) const {
   for (std::size_t i = 0; i < spots_.size(); ++i) {
     if (naming[i] == kNothing) continue;
     const SurveySpot& spot = spots_[i];
-    const Vec3 p = out.p + velocity * seconds(spot.frame);
-    const Vec3 to = source(spot.frame, naming[i], p) - p;
-    if (to.dot(spot.direction_N) <= 0.0) return std::nullopt;  // behind the spacecraft
-    const Vec3 miss = to - spot.direction_N * to.dot(spot.direction_N);
-    const double sigma = to.norm() * sight_sigma(spot, to.norm());
-    out.chi2 += miss.squaredNorm() / (sigma * sigma);
+    const auto off = miss(spot, naming[i], out.p + velocity * seconds(spot.frame));
+    if (!off) return std::nullopt;
+    out.chi2 += off->across_m.squaredNorm() / (off->sigma_m * off->sigma_m);
   }
   return out;
 }
@@ -194,12 +206,10 @@ void Surveyor::extend(Hypothesis& h) const {
       bool taken = false;
       for (std::size_t k = 0; k < spots_.size(); ++k) taken |= h.naming[k] == b && spots_[k].frame == spot.frame;
       if (taken) continue;
-      const Vec3 to = source(spot.frame, b, p) - p;
-      if (to.dot(spot.direction_N) <= 0.0) continue;
-      const Vec3 miss = to - spot.direction_N * to.dot(spot.direction_N);
-      const double sigma = to.norm() * sight_sigma(spot, to.norm());
-      const Mat3 covariance = h.fix.covariance + Mat3::Identity() * sigma * sigma;
-      const double d2 = miss.dot(covariance.ldlt().solve(miss));
+      const auto off = miss(spot, b, p);
+      if (!off) continue;
+      const Mat3 covariance = h.fix.covariance + Mat3::Identity() * off->sigma_m * off->sigma_m;
+      const double d2 = off->across_m.dot(covariance.ldlt().solve(off->across_m));
       if (d2 > least || std::abs(v_mag(spot.frame, b, p) - spot.v_mag) > 4.0 * settings_.v_mag_sigma) continue;
       best = b;
       least = d2;
