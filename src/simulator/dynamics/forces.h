@@ -3,52 +3,24 @@
 //
 //   Sun, planets and Moon     point masses at their ephemeris places (docs/theory/dynamics.md eq. 1)
 //   relativity                Schwarzschild term of the Sun, first post-Newtonian order (eq. 2)
-//   solar radiation pressure  a cannonball, (AU/r)^2 (eq. 3)
+//   solar radiation pressure  on a sphere (eq. 3), or on plates with an attitude (eq. 3a), (AU/r)^2
 //   unmodelled acceleration   one realisation of an Ornstein-Uhlenbeck process per axis (eq. 4)
+//   thrust                    a plan with errors of execution, and the mass that is left (eq. 4a)
+//   momentum unloading        kicks at random times
 #pragma once
 
-#include <span>
 #include <vector>
 
 #include "foundation/base/error.h"
 #include "foundation/math/linear.h"
-#include "foundation/math/random.h"
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "simulator/dynamics/kicks.h"
+#include "simulator/dynamics/solar_pressure.h"
+#include "simulator/dynamics/thrust.h"
+#include "simulator/dynamics/unmodelled.h"
 
 namespace astronav::dynamics {
-
-// Radiation pressure at 1 AU, N/m^2 (solar constant over the speed of light, for a surface that absorbs).
-inline constexpr double kSolarPressureAtOneAu = 4.56e-6;
-
-struct UnmodelledSettings {
-  double sigma_m_s2 = 0.0;             // steady one sigma per axis; 0 = off
-  Duration tau = Duration::days(5.0);  // correlation time
-  // Spacing of the drawn values; between them the acceleration is linear, so that its variance half-way is lower by
-  // (1 - exp(-grid/tau))/2: 2.4 % with the defaults.
-  Duration grid = Duration::days(0.25);
-};
-
-// One realisation over [begin, end], the same for the same stream; a longer span begins with the same values. Zero
-// outside the span.
-class UnmodelledAcceleration {
- public:
-  UnmodelledAcceleration() = default;  // none
-  // invalid_argument: a negative or non-finite sigma, tau or grid not above zero, end before begin.
-  static Result<UnmodelledAcceleration> draw(const UnmodelledSettings& settings, Epoch begin, Epoch end,
-                                             RandomStream& stream);
-
-  Vec3 at(Epoch epoch) const;
-  bool active() const { return !values_.empty(); }
-  // The next epoch after (forward) or before (backward) `epoch` at which the slope jumps; steps of integration end
-  // there. `limit` where there is none before it.
-  Epoch next_knot(Epoch epoch, Epoch limit) const;
-
- private:
-  Epoch begin_;
-  Duration grid_;
-  std::vector<Vec3> values_;
-};
 
 struct ForceSettings {
   // Point masses. Systems (Mars and the outer planets with their moons) go by their barycentres.
@@ -63,31 +35,50 @@ struct ForceSettings {
                                 body::uranus_barycenter,
                                 body::neptune_barycenter};
   bool relativity = true;
-  double srp_cr_area_over_mass_m2_kg = 0.026;  // CR A/m; 0 = off
+  double srp_cr_area_over_mass_m2_kg = 0.026;  // of a sphere, CR A/m at the mass before any thrust; 0 = off
   double srp_scale = 1.0;                      // of this run: truth differs from what the onboard software believes
+  // Where there are plates, they take the place of the sphere, with this attitude.
+  std::vector<Plate> plates = {};
+  Attitude attitude = {};
+  double mass_kg = 22.0;  // what the plates push on, unless a thrust plan says what it is
+};
+
+// What happens to the spacecraft beside the forces of nature, drawn for one run. Any of it may be none.
+struct Events {
+  UnmodelledAcceleration unmodelled;
+  ThrustHistory thrust;
+  Kicks kicks;
 };
 
 class ForceModel {
  public:
-  // The ephemeris' bytes must outlive the model. not_found where a body has no ephemeris or no constants.
+  // The ephemeris' bytes must outlive the model. not_found where a body has no ephemeris or no constants,
+  // invalid_argument for plates without an attitude and numbers without sense.
+  static Result<ForceModel> create(const Ephemeris& ephemeris, ForceSettings settings, Events events);
   static Result<ForceModel> create(const Ephemeris& ephemeris, ForceSettings settings = {},
                                    UnmodelledAcceleration unmodelled = {});
 
   // Of the barycentric state at the epoch. out_of_range outside the ephemeris.
   Result<Vec3> acceleration(Epoch epoch, const State& state) const;
+  double mass_kg(Epoch epoch) const;
+  // The next epoch on the way from `epoch` to `limit` (in either direction of time) at which a force is not smooth;
+  // `limit` where there is none. At a knot a force may jump: acceleration() gives it as it is afterwards.
+  Epoch next_knot(Epoch epoch, Epoch limit) const;
   const ForceSettings& settings() const { return settings_; }
-  const UnmodelledAcceleration& unmodelled() const { return unmodelled_; }
+  const Events& events() const { return events_; }
 
  private:
   struct PointMass {
     BodyId id;
     double gm_m3_s2 = 0.0;
   };
+  Vec3 solar_pressure(Epoch epoch, const Vec3& from_sun_m) const;
+
   Ephemeris ephemeris_;
   ForceSettings settings_;
   std::vector<PointMass> masses_;
   double sun_gm_m3_s2_ = 0.0;
-  UnmodelledAcceleration unmodelled_;
+  Events events_;
 };
 
 }  // namespace astronav::dynamics

@@ -17,6 +17,10 @@ namespace {
 
 using Array6 = std::array<double, 6>;
 
+// What counts as a jump of the acceleration: its effect over a day is a few millimetres.
+constexpr double kJump_m_s2 = 1e-12;
+constexpr Duration kInside = Duration::nanoseconds(1);
+
 // The quintic between two nodes, as powers of the time since the first.
 struct Quintic {
   Vec3 p, v, half_a, c3, c4, c5;
@@ -47,7 +51,8 @@ State to_state(const Array6& x) {
   return {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
 }
 
-// `knot(e, to)` is the next epoch on the way from e to `to` at which the field is not smooth; no step crosses one.
+// `knot(e, to)` is the next epoch on the way from e to `to` at which the field is not smooth; no step crosses one. The
+// field may jump there, so a step asks for it a nanosecond inside its ends.
 template <typename Knot>
 Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const State& start, Epoch from, Epoch to,
                       const PropagationSettings& settings) {
@@ -62,9 +67,10 @@ Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const St
 
   // Odeint wants a function that cannot fail: the first error is kept, and the step thrown away.
   std::optional<Error> field_error;
-  Epoch origin;
+  Epoch origin, first_inside, last_inside;
+  const auto inside = [&](Epoch e, const State& s) { return field(std::clamp(e, first_inside, last_inside), s); };
   const auto system = [&](const Array6& x, Array6& dxdt, double s) {
-    const auto a = field(origin + Duration::seconds(s), to_state(x));
+    const auto a = inside(origin + Duration::seconds(s), to_state(x));
     if (!a && !field_error) field_error = a.error();
     const Vec3 value = a ? *a : Vec3(Vec3::Zero());
     dxdt = {x[3], x[4], x[5], value.x(), value.y(), value.z()};
@@ -73,8 +79,9 @@ Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const St
   boost::numeric::odeint::runge_kutta_fehlberg78<Array6> stepper;
   const bool forwards = to >= from;
   Duration step = settings.max_step;
+  bool at_knot = true;
   while (nodes.back().epoch != to) {
-    const Arc::Node node = nodes.back();
+    Arc::Node node = nodes.back();
     const Epoch limit = knot(node.epoch, to);
     const Duration room = forwards ? limit - node.epoch : node.epoch - limit;
     const bool whole_room = step >= room;
@@ -83,12 +90,23 @@ Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const St
     const double h = signed_step.seconds();
 
     origin = node.epoch;
+    const Duration margin = used > kInside * 2 ? kInside : Duration{};
+    first_inside = std::min(node.epoch, node.epoch + signed_step) + margin;
+    last_inside = std::max(node.epoch, node.epoch + signed_step) - margin;
+    if (at_knot) {
+      const auto ahead = inside(node.epoch, node.state);
+      if (!ahead) return forward(ahead);
+      const bool jump = (*ahead - node.acceleration_m_s2).norm() > kJump_m_s2;
+      node.acceleration_m_s2 = *ahead;
+      if (jump && nodes.size() > 1) nodes.push_back(node);
+      if (jump) nodes.back() = node;
+    }
     const Array6 x = to_array(node.state);
     Array6 next{}, error{};
     stepper.do_step(system, x, 0.0, next, h, error);
     if (field_error) return tl::unexpected<Error>(*field_error);
     Arc::Node candidate{node.epoch + signed_step, to_state(next), {}};
-    const auto acceleration = field(candidate.epoch, candidate.state);
+    const auto acceleration = inside(candidate.epoch, candidate.state);
     if (!acceleration) return forward(acceleration);
     candidate.acceleration_m_s2 = *acceleration;
 
@@ -97,12 +115,13 @@ Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const St
     // A sixth derivative M leaves M h^6/46080 in the position half-way, and M h^4/1920 in the acceleration.
     const Quintic quintic(node, candidate);
     const Duration half = Duration::nanoseconds(signed_step.nanoseconds() / 2);
-    const auto middle = field(node.epoch + half, quintic.state(half.seconds()));
+    const auto middle = inside(node.epoch + half, quintic.state(half.seconds()));
     if (!middle) return forward(middle);
     const double defect = (*middle - quintic.acceleration(half.seconds())).norm();
     const double interpolation_error = defect * h * h / 24.0 / settings.position_tolerance_m;
 
     const bool accepted = step_error <= 1.0 && interpolation_error <= 1.0;  // false for NaN
+    at_knot = accepted && whole_room;
     if (accepted) nodes.push_back(candidate);
     double scale = 0.9 * std::min(std::pow(std::max(step_error, 1e-16), -1.0 / 8.0),
                                   std::pow(std::max(interpolation_error, 1e-16), -1.0 / 6.0));
@@ -125,7 +144,7 @@ Result<Arc> integrate(const AccelerationField& field, const Knot& knot, const St
 Arc::Arc(std::vector<Node> nodes) : nodes_(std::move(nodes)) {
   ASTRONAV_CHECK(!nodes_.empty());
   ASTRONAV_CHECK(std::adjacent_find(nodes_.begin(), nodes_.end(),
-                                    [](const Node& a, const Node& b) { return a.epoch >= b.epoch; }) == nodes_.end());
+                                    [](const Node& a, const Node& b) { return a.epoch > b.epoch; }) == nodes_.end());
 }
 
 Result<State> Arc::at(Epoch epoch) const {
@@ -143,8 +162,7 @@ Result<State> Arc::at(Epoch epoch) const {
 Result<Arc> propagate(const ForceModel& forces, const State& start, Epoch from, Epoch to,
                       const PropagationSettings& settings) {
   return integrate([&forces](Epoch e, const State& s) { return forces.acceleration(e, s); },
-                   [&forces](Epoch e, Epoch limit) { return forces.unmodelled().next_knot(e, limit); }, start, from, to,
-                   settings);
+                   [&forces](Epoch e, Epoch limit) { return forces.next_knot(e, limit); }, start, from, to, settings);
 }
 
 Result<Arc> propagate(const AccelerationField& field, const State& start, Epoch from, Epoch to,

@@ -24,6 +24,7 @@ struct PropagationSettings {
 };
 
 // A trajectory as integrated. Between nodes: the quintic with position, velocity and acceleration of both neighbours.
+// Where a force jumps there are two nodes of one epoch, which differ in their accelerations.
 class Arc {
  public:
   struct Node {
@@ -31,7 +32,7 @@ class Arc {
     State state;
     Vec3 acceleration_m_s2 = Vec3::Zero();
   };
-  explicit Arc(std::vector<Node> nodes);  // at least one, ascending
+  explicit Arc(std::vector<Node> nodes);  // at least one, ascending; of one epoch at most two
 
   Epoch begin() const { return nodes_.front().epoch; }
   Epoch end() const { return nodes_.back().epoch; }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include <Eigen/Geometry>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "foundation/files/mapped_file.h"
@@ -72,6 +73,57 @@ TEST(Propagation, IsContinuousOutput) {
   EXPECT_FALSE(arc->at(end + Duration::nanoseconds(1)));
   EXPECT_FALSE(arc->at(Epoch() - Duration::nanoseconds(1)));
   EXPECT_EQ(arc->at(end + Duration::days(1.0)).error().code, ErrorCode::out_of_range);
+}
+
+// The circular restricted problem of Earth and Moon, in inertial axes: neither energy nor angular momentum is kept, but
+// Jacobi's constant is. The spacecraft goes round the Earth in resonance with the Moon (3:1 or so) for two years, with
+// passes at half of the Moon's distance.
+TEST(Propagation, KeepsJacobisConstant) {
+  const double gm_earth = 3.986004e14, gm_moon = 4.902800e12, distance = 384400e3;
+  const double gm = gm_earth + gm_moon, share = gm_moon / gm;
+  const double rate = std::sqrt(gm / std::pow(distance, 3));
+  const auto places = [&](Epoch e) {
+    const double angle = rate * e.tdb_seconds();
+    const Vec3 line(std::cos(angle), std::sin(angle), 0.0);
+    return std::pair<Vec3, Vec3>(-share * distance * line, (1.0 - share) * distance * line);
+  };
+  const AccelerationField field = [&](Epoch e, const State& s) -> Result<Vec3> {
+    const auto [earth, moon] = places(e);
+    const Vec3 a = earth - s.p_m, b = moon - s.p_m;
+    return Vec3(gm_earth / std::pow(a.norm(), 3) * a + gm_moon / std::pow(b.norm(), 3) * b);
+  };
+  const auto potential = [&](Epoch e, const State& s) {
+    const auto [earth, moon] = places(e);
+    return -gm_earth / (earth - s.p_m).norm() - gm_moon / (moon - s.p_m).norm();
+  };
+  const auto jacobi = [&](Epoch e, const State& s) {
+    return -s.v_m_s.squaredNorm() - 2.0 * potential(e, s) + 2.0 * rate * s.p_m.cross(s.v_m_s).z();
+  };
+  const State start{{-100000e3, 0.0, 5000e3}, {0.0, -2300.0, 100.0}};
+  const Epoch end = Epoch() + Duration::days(730.0);
+  const auto arc = propagate(field, start, Epoch(), end);
+  ASSERT_TRUE(arc) << describe(arc.error());
+  double worst = 0.0, lowest = 0.0, highest = -1e30;
+  double nearest = 1e30;
+  for (double day = 0.0; day <= 730.0; day += 0.1) {
+    const Epoch e = Epoch() + Duration::days(day);
+    const State s = arc->at(e).value();
+    worst = std::max(worst, std::abs(jacobi(e, s) / jacobi(Epoch(), start) - 1.0));
+    const double energy_now = 0.5 * s.v_m_s.squaredNorm() + potential(e, s);
+    lowest = std::min(lowest, energy_now);
+    highest = std::max(highest, energy_now);
+    nearest = std::min(nearest, (places(e).second - s.p_m).norm());
+  }
+  double worst_node = 0.0;
+  for (const Arc::Node& n : arc->nodes()) {
+    worst_node = std::max(worst_node, std::abs(jacobi(n.epoch, n.state) / jacobi(Epoch(), start) - 1.0));
+  }
+  RecordProperty("worst", fmt::format("{:.2e}", worst));
+  RecordProperty("worst_node", fmt::format("{:.2e}", worst_node));
+  EXPECT_LT(worst_node, 1e-11);
+  EXPECT_LT(worst, 2e-9) << "between nodes";
+  EXPECT_GT((highest - lowest) / std::abs(lowest), 1e-3) << "the Moon does work";
+  EXPECT_LT(nearest, 0.6 * distance);
 }
 
 TEST(Propagation, GoesThereAndBack) {
