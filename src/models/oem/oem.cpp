@@ -11,8 +11,6 @@
 
 #include <fmt/format.h>
 
-#include "foundation/base/check.h"
-
 namespace astronav {
 namespace {
 
@@ -195,6 +193,31 @@ class Parser {
     return {};
   }
 
+  static bool is_orbital(std::string_view frame) { return frame == "RTN" || frame == "RSW" || frame == "TNW"; }
+
+  // Between two states the cubic of both: good to far better than the axes that come of it need.
+  static State state_at(Epoch at, const std::vector<Epoch>& epochs, const std::vector<State>& states) {
+    const auto next = std::lower_bound(epochs.begin(), epochs.end(), at) - epochs.begin();
+    if (epochs[next] == at) return states[next];
+    const State &a = states[next - 1], &b = states[next];
+    const double h = (epochs[next] - epochs[next - 1]).seconds();
+    const double x = (at - epochs[next - 1]).seconds() / h;
+    const Vec3 d = b.p_m - a.p_m, va = h * a.v_m_s, vb = h * b.v_m_s;
+    const Vec3 c2 = 3.0 * d - 2.0 * va - vb, c3 = va + vb - 2.0 * d;
+    return {a.p_m + x * (va + x * (c2 + x * c3)), (va + x * (2.0 * c2 + x * 3.0 * c3)) / h};
+  }
+
+  // RTN, RSW: along the radius, across it on the side of the velocity, along the angular momentum. TNW: along the
+  // velocity, the third of the right-handed triad, along the angular momentum.
+  static Mat3 axes_of(std::string_view frame, const State& s) {
+    Mat3 axes;
+    const Vec3 w = s.p_m.cross(s.v_m_s).normalized();
+    axes.col(0) = frame == "TNW" ? s.v_m_s.normalized() : s.p_m.normalized();
+    axes.col(1) = w.cross(axes.col(0));
+    axes.col(2) = w;
+    return axes;
+  }
+
   Result<void> header() {
     if (auto r = require_line("the file is empty; expected CCSDS_OEM_VERS"); !r) return r;
     if (line_.text.front() == '<') {
@@ -338,8 +361,9 @@ class Parser {
     return {};
   }
 
-  // From the line after COVARIANCE_START to COVARIANCE_STOP.
-  Result<void> covariance_block(const Metadata& m) {
+  // From the line after COVARIANCE_START to COVARIANCE_STOP. Covariances on the orbit's own axes are turned to N with
+  // the segment's states.
+  Result<void> covariance_block(const Metadata& m, const std::vector<Epoch>& epochs, const std::vector<State>& states) {
     if (auto r = require_line("the covariances end without COVARIANCE_STOP"); !r) return r;
     while (!line_is("COVARIANCE_STOP")) {
       if (comment()) {
@@ -353,15 +377,22 @@ class Parser {
       auto when = epoch(e->value, m.scale);
       if (!when) return forward(when);
       OemCovariance c{*when, {}};
+      std::optional<Mat3> orbital_axes;  // N from those of the covariance
       if (auto r = require_line("the covariances end without COVARIANCE_STOP"); !r) return r;
       if (line_.text.starts_with("COV_REF_FRAME")) {
         auto frame = entry();
         if (!frame) return forward(frame);
         if (frame->key.text != "COV_REF_FRAME")
           return error("unknown keyword '{s}'", frame->key.place, frame->key.text);
-        if (frame_axes(frame->value.text).empty()) {
-          return error("covariance frame '{s}' is not handled; ICRF, GCRF, EME2000 and J2000 are", frame->value.place,
-                       frame->value.text, ErrorCode::unsupported);
+        if (is_orbital(frame->value.text)) {
+          if (*when < epochs.front() || *when > epochs.back()) {
+            return error("a covariance on the orbit's axes lies outside the states of its segment", e->value.place);
+          }
+          orbital_axes = axes_of(frame->value.text, state_at(*when, epochs, states));
+          if (!(orbital_axes->determinant() > 0.5)) return error("the state gives no orbital axes", frame->value.place);
+        } else if (frame_axes(frame->value.text).empty()) {
+          return error("covariance frame '{s}' is not handled; ICRF, GCRF, EME2000, J2000, RTN, RSW and TNW are",
+                       frame->value.place, frame->value.text, ErrorCode::unsupported);
         }
         if (auto r = require_line("the covariances end without COVARIANCE_STOP"); !r) return r;
       }
@@ -381,6 +412,12 @@ class Parser {
         }
         if (c.covariance(row, row) < 0.0) return error("variance {s} is negative", w[row].place, w[row].text);
         if (auto r = require_line("the covariances end without COVARIANCE_STOP"); !r) return r;
+      }
+      if (orbital_axes) {
+        Eigen::Matrix<double, 6, 6> turn = Eigen::Matrix<double, 6, 6>::Zero();
+        turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = *orbital_axes;
+        const Eigen::Matrix<double, 6, 6> turned = turn * c.covariance * turn.transpose();
+        c.covariance = 0.5 * (turned + turned.transpose());
       }
       oem_.covariances.push_back(c);
     }
@@ -410,7 +447,7 @@ class Parser {
       return error("the states end before STOP_TIME: is the file cut off?", after);
     }
     if (have_line_ && line_is("COVARIANCE_START")) {
-      if (auto r = covariance_block(*m); !r) return r;
+      if (auto r = covariance_block(*m, epochs, states); !r) return r;
       while (have_line_ && comment()) {
         if (auto r = next_line(); !r) return r;
       }
@@ -463,60 +500,10 @@ class Parser {
   Oem oem_;
 };
 
-std::string center_name(BodyId id) {
-  std::string name(body_name(id));
-  if (name.empty()) return fmt::format("{}", id.value);
-  for (char& c : name) {
-    if (c == '-') c = ' ';
-    if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
-  }
-  return name;
-}
-
 }  // namespace
 
 Result<Oem> parse_oem(std::string_view text, std::string_view name_for_errors) {
   return Parser(text, name_for_errors).run();
-}
-
-std::string to_text(const Oem& oem) {
-  ASTRONAV_CHECK(!oem.states.empty());
-  ASTRONAV_CHECK_OP(oem.states.size(), ==, oem.epochs.size());
-  const auto iso = [&oem](Epoch e) { return e.iso(oem.scale, 9, false); };
-  fmt::memory_buffer buffer;
-  const auto out = std::back_inserter(buffer);
-  fmt::format_to(out, "CCSDS_OEM_VERS = 3.0\n");
-  for (const std::string& c : oem.comments) fmt::format_to(out, "COMMENT {}\n", c);
-  fmt::format_to(out, "CREATION_DATE = {}\nORIGINATOR = {}\n\nMETA_START\n",
-                 oem.creation_date.empty() ? oem.epochs.front().iso(TimeScale::utc, 0, false) : oem.creation_date,
-                 oem.originator);
-  fmt::format_to(out, "OBJECT_NAME = {}\nOBJECT_ID = {}\nCENTER_NAME = {}\nREF_FRAME = ICRF\nTIME_SYSTEM = {}\n",
-                 oem.object_name, oem.object_id, center_name(oem.center), name(oem.scale));
-  fmt::format_to(out, "START_TIME = {}\n", iso(oem.epochs.front()));
-  if (oem.useable_begin) fmt::format_to(out, "USEABLE_START_TIME = {}\n", iso(*oem.useable_begin));
-  if (oem.useable_end) fmt::format_to(out, "USEABLE_STOP_TIME = {}\n", iso(*oem.useable_end));
-  fmt::format_to(out, "STOP_TIME = {}\nINTERPOLATION = HERMITE\nINTERPOLATION_DEGREE = 7\nMETA_STOP\n\n",
-                 iso(oem.epochs.back()));
-  for (std::size_t i = 0; i < oem.states.size(); ++i) {
-    const Vec3 p = oem.states[i].p_m * 1e-3;
-    const Vec3 v = oem.states[i].v_m_s * 1e-3;
-    fmt::format_to(out, "{} {:.9f} {:.9f} {:.9f} {:.12f} {:.12f} {:.12f}\n", iso(oem.epochs[i]), p.x(), p.y(), p.z(),
-                   v.x(), v.y(), v.z());
-  }
-  if (!oem.covariances.empty()) {
-    fmt::format_to(out, "\nCOVARIANCE_START\n");
-    for (const OemCovariance& c : oem.covariances) {
-      fmt::format_to(out, "EPOCH = {}\nCOV_REF_FRAME = ICRF\n", iso(c.epoch));
-      for (int row = 0; row < 6; ++row) {
-        for (int column = 0; column <= row; ++column) {
-          fmt::format_to(out, "{}{:.16e}", column == 0 ? "" : " ", c.covariance(row, column) * 1e-6);
-        }
-        fmt::format_to(out, "\n");
-      }
-    }
-    fmt::format_to(out, "COVARIANCE_STOP\n");
-  }
-  return fmt::to_string(buffer);
 }
 
 }  // namespace astronav

@@ -2,9 +2,10 @@
 // CCSDS Orbit Ephemeris Messages (CCSDS 502.0-B-3, chapter 5), KVN form, read and written, with covariance.
 //
 // Edges in km and km/s; here metres. Frames "ICRF", "GCRF", "EME2000" and "J2000" are all taken as ICRF axes: no bias
-// is applied. Reading is strict: unknown or misplaced keywords, a wrong number of fields, epochs out of order or
-// outside START_TIME..STOP_TIME are errors at "name:line:column". Segments of one object, frame, centre and time system
-// are joined where one begins with the state with which the last ended; anything else between segments is an error.
+// is applied. Covariances may also stand on the orbit's axes RTN, RSW or TNW. Reading is strict: unknown or misplaced
+// keywords, a wrong number of fields, epochs out of order or outside START_TIME..STOP_TIME are errors at
+// "name:line:column". Segments of one object, frame, centre and time system are joined where one begins with the state
+// with which the last ended; anything else between segments is an error.
 #pragma once
 
 #include <optional>
