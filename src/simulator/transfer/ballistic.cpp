@@ -7,16 +7,10 @@
 
 #include <Eigen/Dense>
 
+#include "simulator/transfer/encounter.h"
+
 namespace astronav::transfer {
 namespace {
-
-// Unit vector of the part of `v` across `axis`; of `fallback` where v lies along it.
-Vec3 across(const Vec3& v, const Vec3& axis, const Vec3& fallback) {
-  const Vec3 unit = axis.normalized();
-  const Vec3 part = v - v.dot(unit) * unit;
-  if (part.norm() > 1e-6 * v.norm()) return part.normalized();
-  return (fallback - fallback.dot(unit) * unit).normalized();
-}
 
 // At the pericentre (radius rp) of the hyperbola that leaves with v_infinity, relative to the body. Of all the planes
 // that hold v_infinity, the one least inclined to the ICRF equator, prograde (docs/theory/dynamics.md eq. 8).
@@ -28,28 +22,6 @@ State pericentre_state(const Vec3& v_infinity, double rp, double gm) {
   const double sin_nu = std::sqrt(1.0 - cos_nu * cos_nu);
   const Vec3 p = cos_nu * s - sin_nu * h.cross(s);
   return {rp * p, std::sqrt(v_infinity.squaredNorm() + 2.0 * gm / rp) * h.cross(p)};
-}
-
-struct Hyperbola {
-  Vec3 v_infinity_in = Vec3::Zero();  // before the encounter
-  double pericentre_m = 0.0;
-};
-
-// Osculating hyperbola of a state relative to a body; for an ellipse v_infinity is zero.
-Hyperbola osculating(const State& s, double gm) {
-  const double r = s.p_m.norm();
-  const Vec3 h = s.p_m.cross(s.v_m_s);
-  const Vec3 e = s.v_m_s.cross(h) / gm - s.p_m / r;
-  Hyperbola out;
-  out.pericentre_m = h.squaredNorm() / gm / (1.0 + e.norm());
-  const double energy2 = s.v_m_s.squaredNorm() - 2.0 * gm / r;
-  if (energy2 <= 0.0) return out;
-  const double cos_nu = -1.0 / e.norm();
-  const Vec3 p = e.normalized();
-  const Vec3 q = h.normalized().cross(p);
-  // It comes from true anomaly -nu: the place is cos(nu) p - sin(nu) q, the way inwards its opposite.
-  out.v_infinity_in = std::sqrt(energy2) * (-cos_nu * p + std::sqrt(1.0 - cos_nu * cos_nu) * q);
-  return out;
 }
 
 class Shooter {
@@ -90,11 +62,6 @@ struct Solution {
   double miss_m = 0.0;
   int iterations = 0;
 };
-
-// Laplace's sphere of influence at a distance from the Sun.
-double sphere_of_influence(double distance_m, double gm, double sun_gm) {
-  return distance_m * std::pow(gm / sun_gm, 0.4);
-}
 
 // Newton's method with a numerical Jacobian; a step that makes things worse is halved.
 Result<Solution> correct(const Shooter& shooter, const Vec3& first_guess, const Vec3& aim, double tolerance_m) {
@@ -221,7 +188,7 @@ Result<BallisticDesign> design_ballistic(const Ephemeris& ephemeris, BodyId from
                          .lambert = *leg,
                          .miss_distance_m = miss_distance,
                          .v_infinity_departure_m_s = solution->v_infinity,
-                         .v_infinity_arrival_m_s = encounter.v_infinity_in,
+                         .v_infinity_arrival_m_s = encounter.v_infinity_in_m_s,
                          .c3_m2_s2 = solution->v_infinity.squaredNorm(),
                          .closest_approach_m = encounter.pericentre_m,
                          .aim_error_m = (last.p_m - aim).norm(),
