@@ -2,6 +2,7 @@
 // How several commands say the same things.
 #pragma once
 
+#include <cmath>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -15,6 +16,11 @@ namespace astronav::cli {
 inline std::string title(BodyId id) {
   const std::string_view known = body_name(id);
   return known.empty() ? std::to_string(id.value) : std::string(known);
+}
+
+// To a whole number of steps of 1/steps_per_unit.
+inline double rounded(double x, double steps_per_unit) {
+  return std::round(x * steps_per_unit) / steps_per_unit;
 }
 
 // {x, y, z}, in the unit that is `unit` in SI: xyz(p_m, 1e3) gives km.

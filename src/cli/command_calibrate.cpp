@@ -324,9 +324,7 @@ Result<int> run(const Options& options) {
   in.frames.resize(options.images.size());
   if (const auto read = read_camera_and_field(options, in); !read) return forward(read);
   if (const auto read = read_epochs_and_observer(options, in); !read) return forward(read);
-  if (!options.out.empty()) {
-    if (const auto open = check_writable(options.out); !open) return forward(open);
-  }
+  if (const auto writable = check_writable({options.out}); !writable) return forward(writable);
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);
   if (const auto read = read_pictures(options, in); !read) return forward(read);

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/answers.h"
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
@@ -275,10 +276,6 @@ Result<Asked> read_request(const Options& options) {
   return asked;
 }
 
-double rounded(double x, double steps) {
-  return std::isfinite(x) ? std::round(x * steps) / steps : x;
-}
-
 Json windows_json(const opensky::WindowFigures& w) {
   return {{"windows", w.windows},
           {"rmse_dn", w.rmse_dn},
@@ -404,10 +401,7 @@ void tell(const Options& options, const Asked& asked, const opensky::Comparison&
 Result<void> check_outputs(const Options& options) {
   if (!options.out.empty() && !options.out.ends_with(".png"))
     return fail(ErrorCode::invalid_argument, "'{s}' does not end in .png", {}, "--out", options.out);
-  for (const std::string& path : {options.out, options.save_camera}) {
-    if (path.empty()) continue;
-    if (const auto writable = check_writable(path); !writable) return writable;
-  }
+  if (const auto writable = check_writable({options.out, options.save_camera}); !writable) return writable;
   if (const auto apart = check_apart(options.out, options.image, "--out"); !apart) return apart;
   for (const std::string& path : {options.image, options.out, options.camera}) {
     if (const auto apart = check_apart(options.save_camera, path, "--save-camera"); !apart) return apart;

@@ -195,10 +195,7 @@ Result<int> run(const Options& options) {
     return fail(ErrorCode::invalid_argument, "'{s}' ends neither in .fits nor in .png", {}, "--out", options.out);
   }
   if (const auto apart = check_apart(options.truth, options.out, "--truth"); !apart) return forward(apart);
-  for (const std::string& path : {options.out, options.truth}) {
-    if (path.empty()) continue;
-    if (const auto writable = check_writable(path); !writable) return forward(writable);
-  }
+  if (const auto writable = check_writable({options.out, options.truth}); !writable) return forward(writable);
   const auto epoch = Epoch::parse(options.epoch);
   if (!epoch) return forward(epoch, "--epoch");
   const auto kernels = open_kernels_for(options.kernels, {body::sun, body::earth}, *epoch);

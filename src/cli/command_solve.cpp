@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/answers.h"
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
@@ -106,10 +107,6 @@ Result<Request> read_request(const Options& options) {
     }
   }
   return request;
-}
-
-double rounded(double x, double digits) {
-  return std::round(x * digits) / digits;
 }
 
 Json to_json(const std::string& image, const opensky::Solution& s, double read_ms) {
@@ -214,10 +211,7 @@ Result<int> run(const Options& options) {
   if (!request) return forward(request);
   if (options.images.size() != 1 && !(options.wcs.empty() && options.picture.empty()))
     return fail(ErrorCode::invalid_argument, "one image for one file", {}, options.wcs.empty() ? "--picture" : "--wcs");
-  for (const std::string& file : {options.wcs, options.picture}) {
-    if (file.empty()) continue;
-    if (const auto open = check_writable(file); !open) return forward(open);
-  }
+  if (const auto writable = check_writable({options.wcs, options.picture}); !writable) return forward(writable);
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);
   opensky::Solver solver(catalogue->stars);

@@ -8,8 +8,9 @@
 #include <unistd.h>
 
 namespace astronav::cli {
+namespace {
 
-Result<void> check_writable(const std::string& path) {
+Result<void> check_writable_file(const std::string& path) {
   std::error_code error;
   const bool there = std::filesystem::exists(path, error);
   const std::filesystem::path folder = std::filesystem::path(path).parent_path();
@@ -19,6 +20,16 @@ Result<void> check_writable(const std::string& path) {
   if (std::filesystem::is_directory(path, error)) return cannot(std::strerror(EISDIR));
   const std::string asked = there ? path : folder.empty() ? "." : folder.string();
   if (access(asked.c_str(), there ? W_OK : W_OK | X_OK) != 0) return cannot(std::strerror(errno));
+  return {};
+}
+
+}  // namespace
+
+Result<void> check_writable(std::initializer_list<std::string> paths) {
+  for (const std::string& path : paths) {
+    if (path.empty()) continue;
+    if (const auto writable = check_writable_file(path); !writable) return writable;
+  }
   return {};
 }
 

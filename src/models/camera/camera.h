@@ -55,6 +55,8 @@ struct Intrinsics {
   double half_diagonal_rad() const;  // boresight to the farthest corner, with distortion
   double half_diagonal_px() const;   // of the image
   double plate_scale_rad_px() const { return 1.0 / fx_px; }
+  // Whether a place lies on one of the pixels, each of which reaches half a pixel from its centre.
+  bool contains(Pixel p) const { return p.u >= -0.5 && p.v >= -0.5 && p.u < width_px - 0.5 && p.v < height_px - 0.5; }
 };
 
 // Derivatives of the pixel by the parameters, in the order fx, fy, cx, cy, k1, k2, k3, p1, p2.

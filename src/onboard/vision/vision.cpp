@@ -2,15 +2,12 @@
 #include "onboard/vision/vision.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+
+#include "foundation/base/clock.h"
 
 namespace astronav::vision {
 namespace {
-
-double now_ms() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 // A saturated spot may hold more light than it tells, but not less.
 bool as_bright(const Centroid& spot, const PlanetPrediction& prediction) {

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "simulator/render/renderer.h"
+
 namespace astronav::render {
 namespace {
 
@@ -11,15 +13,31 @@ constexpr double kStepPx = 0.05;
 constexpr double kFlattest = 1e-3;  // cosine to the normal: a track no longer than a thousand times the depth
 constexpr double kLossWidth = 0.1;  // of Moyal's law over its most probable value, as for thin silicon
 
+double protons_expected(const Camera& camera, double exposure_s) {
+  const Detector& d = camera.detector;
+  const double area_cm2 =
+      camera.intrinsics.width_px * camera.intrinsics.height_px * d.pixel_pitch_m * d.pixel_pitch_m * 1e4;
+  return d.cosmic_rays_cm2_s * area_cm2 * exposure_s;
+}
+
+double depth_px(const Detector& d) {
+  return d.depth_um * 1e-6 / d.pixel_pitch_m;
+}
+
 }  // namespace
+
+double proton_work(const Camera& camera, double exposure_s) {
+  // Each proton takes some twenty additions' time, each step two; a track is pi/2 of the depth long on average (a flux
+  // through a plane).
+  const double length_px = 0.5 * kPi * depth_px(camera.detector);
+  return protons_expected(camera, exposure_s) * (20.0 + 2.0 * length_px / kStepPx);
+}
 
 std::vector<ProtonPixel> proton_hits(const Camera& camera, double exposure_s, RandomStream& random) {
   const Detector& d = camera.detector;
   const int width = camera.intrinsics.width_px;
   const int height = camera.intrinsics.height_px;
-  const double area_cm2 = width * height * d.pixel_pitch_m * d.pixel_pitch_m * 1e4;
-  const std::uint64_t count = random.poisson(d.cosmic_rays_cm2_s * area_cm2 * exposure_s);
-  const double depth_px = d.depth_um * 1e-6 / d.pixel_pitch_m;
+  const std::uint64_t count = random.poisson(protons_expected(camera, exposure_s));
   const double electrons_px = d.cosmic_ray_e_um * d.pixel_pitch_m * 1e6;  // per pixel's length of track
   std::vector<ProtonPixel> hits;
   for (std::uint64_t i = 0; i < count; ++i) {
@@ -31,7 +49,7 @@ std::vector<ProtonPixel> proton_hits(const Camera& camera, double exposure_s, Ra
     // Moyal's law of what thin matter takes from a fast particle; its most probable value is 1.
     const double normal = random.normal();
     const double loss = std::max(0.3, 1.0 - kLossWidth * std::log(std::max(1e-12, normal * normal)));
-    const double length = depth_px / cosine;
+    const double length = depth_px(d) / cosine;
     const double across = length * std::sqrt(1.0 - cosine * cosine);
     const int steps = 1 + static_cast<int>(across / kStepPx);
     for (int k = 0; k < steps; ++k) {

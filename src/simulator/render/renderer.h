@@ -77,6 +77,8 @@ std::vector<RenderedSource> place_sources(std::span<const sky::SkySource> sky, c
 // What painting these sources takes, in pixels added to (a few nanoseconds each): for refusing what would take too
 // long.
 double painting_work(std::span<const RenderedSource> sources, const Camera& camera, const Effects& effects);
+// What following the protons that are expected takes, in the same unit.
+double proton_work(const Camera& camera, double exposure_s);
 
 // How late the time tag of a frame is, in seconds: the latency, and the jitter of this frame.
 double time_tag_error_s(const Detector& detector, const StreamId& frame);

@@ -26,15 +26,6 @@ Json xyz(const Vec3& v) {
   return {{"x", v.x()}, {"y", v.y()}, {"z", v.z()}};
 }
 
-Json json_of(const std::vector<SmallBody>& bodies) {
-  Json out = Json::array();
-  for (const SmallBody& body : bodies) {
-    out.push_back({{"id", body.id.value}, {"h", body.law.h}, {"g", body.law.g1}});
-    if (body.mean_radius_m > 0.0) out.back()["radius_km"] = body.mean_radius_m * 1e-3;
-  }
-  return out;
-}
-
 Json json_of(const SceneRequest& scene) {
   Json out = Json::object();
   if (scene.epoch) out["epoch"] = scene.epoch->iso(TimeScale::tdb, 9);
@@ -69,7 +60,7 @@ Json json_of(const SceneRequest& scene) {
   }
   if (scene.max_v_mag) out["max_v_mag"] = *scene.max_v_mag;
   if (scene.refraction) out["refraction"] = *scene.refraction;
-  if (scene.bodies) out["bodies"] = json_of(*scene.bodies);
+  if (scene.bodies) out["bodies"] = describe(*scene.bodies);
   if (scene.seed) out["seed"] = *scene.seed;
   if (scene.sample) out["sample"] = *scene.sample;
   if (scene.image) out["image"] = *scene.image;

@@ -311,11 +311,18 @@ Result<void> seconds_from_ms(const Json& value, const Registry&, const Limits&, 
   return {};
 }
 
-// Of the unsigned fields; the name is found again from the member, for the error.
+// A field that is one value.
 Result<void> assign(const Json& value, std::string_view field, std::uint64_t& out) {
   const auto n = count(value, field);
   if (!n) return forward(n);
   out = *n;
+  return {};
+}
+
+Result<void> assign(const Json& value, std::string_view field, bool& out) {
+  const auto on = truth_value(value, field);
+  if (!on) return forward(on);
+  out = *on;
   return {};
 }
 
@@ -350,13 +357,8 @@ constexpr std::array kFields{
             s.sky.max_v_mag = *mag;
             return {};
           }},
-    Field{"refraction",
-          [](const Json& v, const Registry&, const Limits&, Scene& s) -> Result<void> {
-            const auto on = truth_value(v, "refraction");
-            if (!on) return forward(on);
-            s.refraction = *on;
-            return {};
-          }},
+    Field{"refraction", [](const Json& v, const Registry&, const Limits&,
+                           Scene& s) { return assign(v, "refraction", s.refraction); }},
     Field{"bodies", [](const Json& v, const Registry&, const Limits&, Scene& s) { return read_bodies(v, s); }},
     Field{"seed", [](const Json& v, const Registry&, const Limits&, Scene& s) { return assign(v, "seed", s.seed); }},
     Field{"sample",
@@ -365,13 +367,7 @@ constexpr std::array kFields{
     Field{"detector_seed", [](const Json& v, const Registry&, const Limits&,
                               Scene& s) { return assign(v, "detector_seed", s.detector_seed); }},
     Field{"format", [](const Json& v, const Registry&, const Limits&, Scene& s) { return read_format(v, s); }},
-    Field{"truth",
-          [](const Json& v, const Registry&, const Limits&, Scene& s) -> Result<void> {
-            const auto on = truth_value(v, "truth");
-            if (!on) return forward(on);
-            s.truth = *on;
-            return {};
-          }},
+    Field{"truth", [](const Json& v, const Registry&, const Limits&, Scene& s) { return assign(v, "truth", s.truth); }},
 };
 
 }  // namespace
@@ -452,6 +448,14 @@ Result<Camera> read_camera_text(std::string_view toml, const Limits& limits) {
   return camera;
 }
 
+OrderedJson describe(std::span<const SmallBody> bodies) {
+  OrderedJson out = OrderedJson::array();
+  for (const SmallBody& b : bodies) {
+    out.push_back({{"id", b.id.value}, {"h", b.law.h}, {"g", b.law.g1}, {"radius_km", b.mean_radius_m * 1e-3}});
+  }
+  return out;
+}
+
 OrderedJson describe(const Scene& scene) {
   OrderedJson out;
   if (scene.epoch) out["epoch"] = scene.epoch->iso(TimeScale::tdb, 9);
@@ -478,13 +482,7 @@ OrderedJson describe(const Scene& scene) {
   out["effects"] = std::move(effects);
   out["max_v_mag"] = scene.sky.max_v_mag;
   out["refraction"] = scene.refraction;
-  if (!scene.sky.bodies.empty()) {
-    OrderedJson bodies = OrderedJson::array();
-    for (const SmallBody& b : scene.sky.bodies) {
-      bodies.push_back({{"id", b.id.value}, {"h", b.law.h}, {"g", b.law.g1}, {"radius_km", b.mean_radius_m * 1e-3}});
-    }
-    out["bodies"] = std::move(bodies);
-  }
+  if (!scene.sky.bodies.empty()) out["bodies"] = describe(scene.sky.bodies);
   out["seed"] = scene.seed;
   out["sample"] = scene.sample;
   out["image"] = scene.image;

@@ -91,6 +91,8 @@ Result<void> read_scene(const nlohmann::json& object, std::span<const std::strin
 Result<void> add_small_body(const SmallBody& body, std::vector<SmallBody>& bodies);
 // A camera's text; its point-spread function cannot come from a file.
 Result<Camera> read_camera_text(std::string_view toml, const Limits& limits);
+// As the field `bodies`.
+nlohmann::ordered_json describe(std::span<const SmallBody> bodies);
 // The scene as the fields that make it.
 nlohmann::ordered_json describe(const Scene& scene);
 

@@ -20,10 +20,6 @@ constexpr double kMarginPx = 20.0;
 constexpr double kMaxSmearRad = 30.0 * kDegree;
 constexpr double kChartMag = 4.5;
 
-bool on_detector(const Intrinsics& c, Pixel p) {
-  return p.u >= -0.5 && p.v >= -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
-}
-
 const char* kind_name(sky::SourceKind kind) {
   switch (kind) {
     case sky::SourceKind::star:
@@ -36,16 +32,6 @@ const char* kind_name(sky::SourceKind kind) {
       return "sun";
   }
   return "";
-}
-
-// Of the protons that are expected, in additions to pixels: a track is followed in 20 steps a pixel, each of about two
-// additions, and is pi/2 of the depth long on average (a flux through a plane).
-double proton_work(const Camera& camera, double exposure_s) {
-  const Detector& d = camera.detector;
-  const Intrinsics& k = camera.intrinsics;
-  const double area_cm2 = 1e4 * k.width_px * k.height_px * d.pixel_pitch_m * d.pixel_pitch_m;
-  const double length_px = 0.5 * kPi * d.depth_um * 1e-6 / d.pixel_pitch_m;
-  return d.cosmic_rays_cm2_s * area_cm2 * exposure_s * (20.0 + 40.0 * length_px);
 }
 
 Json xyz(const Vec3& v, double unit) {
@@ -89,7 +75,7 @@ Json truth(const Shot& shot) {
                      {"velocity_km_s", xyz(shot.observer_O.v_m_s, 1e3)}};
   Json sources = Json::array();
   for (const render::RenderedSource& s : shot.sources) {
-    if (!on_detector(shot.camera->intrinsics, s.pixel)) continue;
+    if (!shot.camera->intrinsics.contains(s.pixel)) continue;
     const bool star = s.source.kind == sky::SourceKind::star;
     const RaDec place = radec_from_direction(s.source.direction_N);
     Json one;
@@ -184,7 +170,7 @@ Result<void> Studio::check_work(const Scene& scene, const Shot& shot) const {
                         light);
   }
   const double protons = scene.effects.cosmic_rays && scene.format != PixelFormat::electrons
-                             ? proton_work(*shot.camera, shot.exposure_s)
+                             ? render::proton_work(*shot.camera, shot.exposure_s)
                              : 0.0;
   if (protons > room_.scene_work) {
     return refuse(
@@ -226,23 +212,24 @@ Result<void> Studio::take(const Scene& scene, Shot& shot) const {
   const auto R_CN = attitude(scene, *settings, *state);
   if (!R_CN) return forward(R_CN);
 
+  shot.exposure_s = scene.exposure_s > 0.0 ? scene.exposure_s : scene.camera->camera->exposure_s;
+  const double smear_rad = scene.rate_C_rad_s.norm() * shot.exposure_s;
+  if (smear_rad > kMaxSmearRad) {
+    return fail(ErrorCode::limit_exceeded, "the camera turns by {0} degrees in the exposure; at most {1} are drawn",
+                {smear_rad / kDegree, kMaxSmearRad / kDegree}, "rate_deg_s");
+  }
+
   const std::shared_ptr<const Ready> camera = ready(scene);
   const Intrinsics& intrinsics = camera->camera->intrinsics;
   shot.camera = camera->camera;
   shot.epoch = *scene.epoch;
   shot.observer_O = *state;
   shot.R_CN = *R_CN;
-  shot.exposure_s = scene.exposure_s > 0.0 ? scene.exposure_s : camera->camera->exposure_s;
   shot.seed = scene.seed;
   shot.format = scene.format;
   const StreamId noise{.seed = scene.seed, .sample = scene.sample, .image = scene.image, .purpose = ""};
   shot.time_tag = *scene.epoch + Duration::seconds(render::time_tag_error_s(camera->camera->detector, noise));
 
-  const double smear_rad = scene.rate_C_rad_s.norm() * shot.exposure_s;
-  if (smear_rad > kMaxSmearRad) {
-    return fail(ErrorCode::limit_exceeded, "the camera turns by {0} degrees in the exposure; at most {1} are drawn",
-                {smear_rad / kDegree, kMaxSmearRad / kDegree}, "rate_deg_s");
-  }
   // What smears into the picture during the exposure counts too.
   const double margin_px = kMarginPx + 0.5 * smear_rad / intrinsics.plate_scale_rad_px();
   const double radius_rad =

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <numeric>
 
 #include <Eigen/Geometry>
+
+#include "foundation/base/clock.h"
+#include "verification/opensky/spots.h"
 
 namespace astronav::opensky {
 namespace {
@@ -25,10 +27,6 @@ constexpr double kRung = 1.45;  // widest field of a step over the narrowest
 constexpr double kWideField = 14.0 * kDegree;
 constexpr std::size_t kConfirmSpots = 16;
 constexpr double kConfirmChance = 0.02;
-
-double now_ms() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 // Most cameras first, then outwards.
 std::vector<FieldRange> ladder(const FieldRange& range) {
@@ -71,7 +69,7 @@ class BlindSearch::Attempt {
           const vision::Observer& observer, const BlindSettings& settings, std::size_t shape_spots, double tried)
       : field_(field), observer_(observer), settings_(settings), shorter_px_(std::min(width, height)), tried_(tried) {
     for (std::vector<vision::Centroid>& side : spots_) side.assign(spots.begin(), spots.end());
-    for (vision::Centroid& spot : spots_[1]) spot.pixel.u = width - 1 - spot.pixel.u;
+    turn_round(spots_[1], width);
     chosen_ = spread_spots(spots, kSpread * shorter_px_, shape_spots);
 
     // A blurred spot's centre is no better than a part of its width.
@@ -111,8 +109,8 @@ class BlindSearch::Attempt {
     focal_max_ = half_width / std::tan(0.5 * range.min_rad);
     range_ = range;
     // A wrong focal length and a lens that bends lines change shapes by about this share of the squared field angle.
-    const double corner2 = (std::hypot(camera_.width_px, camera_.height_px) * 0.5 / focal_min_) *
-                           (std::hypot(camera_.width_px, camera_.height_px) * 0.5 / focal_min_);
+    const double corner = camera_.half_diagonal_px() / focal_min_;
+    const double corner2 = corner * corner;
     tolerance_ = std::min(0.004 + (settings_.camera ? 0.0 : 0.12 * corner2), 0.025);
     net_px_ = camera_.width_px * std::clamp(0.005 + 0.1 * corner2, 0.005, 0.015);
     needed_ = hits_needed();
@@ -228,7 +226,7 @@ class BlindSearch::Attempt {
     });
     const auto visible = std::count_if(near.begin(), brightest, [&](std::uint32_t i) {
       const auto p = project(camera, known.attitude.R_CN * field_.stars()[i].direction_N);
-      return p && p->u > -0.5 && p->v > -0.5 && p->u < camera.width_px - 0.5 && p->v < camera.height_px - 0.5;
+      return p && camera.contains(*p);
     });
     const double area = static_cast<double>(camera.width_px) * camera.height_px;
     // The fit has drawn the matches nearer to their stars, by as many degrees of freedom as it has spent.

@@ -94,7 +94,7 @@ class Calibrator {
     const CalibrationFrame& frame = frames_[k];
     View view;
     view.frame = k;
-    view.epoch = frame.epoch.value_or(Epoch::tdb_seconds(25.0 * 365.25 * 86400.0));
+    view.epoch = frame.epoch.value_or(assumed_epoch());
     view.observer = frame.observer;
     SpotSettings settings = request_.model == ProjectionModel::fisheye ? SpotSettings::all_sky() : SpotSettings{};
     settings.max_spots = kMaxSpots;
@@ -106,10 +106,6 @@ class Calibrator {
     if (request_.ephemeris && frame.epoch && frame.observer)
       view.planets = apparent_planets(*request_.ephemeris, view.epoch, *frame.observer, frame.refraction);
     return view;
-  }
-
-  void turn_round(std::vector<vision::Centroid>& spots) const {
-    for (vision::Centroid& spot : spots) spot.pixel.u = width_ - 1 - spot.pixel.u;
   }
 
   // Pictures of which nothing is known, by the solver; the second knows the field of the first.
@@ -144,7 +140,7 @@ class Calibrator {
         continue;
       }
       View view = view_of(k, request_.max_v_mag);
-      if (out_.mirrored) turn_round(view.spots);
+      if (out_.mirrored) turn_round(view.spots, width_);
       view.R_CN = solution->attitude.R_CN;
       views_.push_back(std::move(view));
       focal.push_back(solution->attitude.intrinsics.fx_px);
@@ -179,7 +175,7 @@ class Calibrator {
         continue;
       }
       out_.mirrored = look->mirrored;
-      if (out_.mirrored) turn_round(view.spots);
+      if (out_.mirrored) turn_round(view.spots, width_);
       view.R_CN = look->R_CN;
       if (views_.empty()) camera_ = look->camera;
       views_.push_back(std::move(view));
@@ -347,7 +343,7 @@ class Calibrator {
 
   void foretell(const View& view, const SkyPlanet& planet, CalibratedFrame& frame) const {
     const auto pixel = project(camera_, view.R_CN * planet.direction_N);
-    if (!pixel || pixel->u < -0.5 || pixel->v < -0.5 || pixel->u > width_ - 0.5 || pixel->v > height_ - 0.5) return;
+    if (!pixel || !camera_.contains(*pixel)) return;
     const vision::Centroid* brightest = nullptr;
     for (const vision::Centroid& spot : view.spots) {
       if ((spot.pixel.vec() - pixel->vec()).norm() > kSeenRadiusPx) continue;

@@ -10,6 +10,7 @@
 #include "foundation/math/rotation.h"
 #include "onboard/vision/identify.h"
 #include "verification/opensky/calibrate_adjust.h"
+#include "verification/opensky/spots.h"
 
 namespace astronav::opensky {
 namespace {
@@ -162,9 +163,7 @@ Result<FisheyeLook> find_fisheye(std::span<const vision::Centroid> spots, std::s
   double tried = 0.0;
   for (const bool mirrored : {false, true}) {
     std::vector<vision::Centroid> seen(spots.begin(), spots.begin() + std::min(spots.size(), kCheckSpots));
-    if (mirrored) {
-      for (vision::Centroid& spot : seen) spot.pixel.u = width - 1 - spot.pixel.u;
-    }
+    if (mirrored) turn_round(seen, width);
     std::vector<Intrinsics> cameras;
     for (const double k1 : kLenses) {
       for (double focal = focal_min_px; focal <= focal_max_px * std::sqrt(kFocalStep); focal *= kFocalStep)
@@ -207,9 +206,7 @@ Result<FisheyeLook> find_fisheye(std::span<const vision::Centroid> spots, std::s
                                    {static_cast<double>(spots.size())});
   for (const Guess& guess : best) {
     std::vector<vision::Centroid> seen(spots.begin(), spots.end());
-    if (guess.mirrored) {
-      for (vision::Centroid& spot : seen) spot.pixel.u = width - 1 - spot.pixel.u;
-    }
+    if (guess.mirrored) turn_round(seen, width);
     auto look = refine(guess, seen, sky);
     if (!look || look->chance_probability * tried > kMaxChance) continue;
     look->chance_probability *= tried;

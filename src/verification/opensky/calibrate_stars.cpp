@@ -16,15 +16,15 @@ struct Projected {
   Pixel pixel;
 };
 
-bool inside(const Intrinsics& c, Pixel p) {
-  return p.u > -0.5 && p.v > -0.5 && p.u < c.width_px - 0.5 && p.v < c.height_px - 0.5;
-}
-
 double squared_distance(Pixel a, Pixel b) {
   return (a.u - b.u) * (a.u - b.u) + (a.v - b.v) * (a.v - b.v);
 }
 
 }  // namespace
+
+Epoch assumed_epoch() {
+  return Epoch::tdb_seconds(25.0 * 365.25 * 86400.0);
+}
 
 Vec3 apparent_direction(const Star& star, Epoch epoch, const std::optional<State>& observer,
                         const std::optional<Refraction>& refraction) {
@@ -78,7 +78,7 @@ std::vector<StarMatch> match_stars(std::span<const SkyStar> sky, std::span<const
   for (std::size_t i = 0; i < sky.size() && sky[i].v_mag <= faintest; ++i) {
     if (boresight_N.dot(sky[i].direction_N) < least_z) continue;
     const auto pixel = project(camera, R_CN * sky[i].direction_N);
-    if (!pixel || !inside(camera, *pixel)) continue;
+    if (!pixel || !camera.contains(*pixel)) continue;
     seen.push_back({i, *pixel});
     if (seen.size() == wanted) faintest = sky[i].v_mag + settings.blend_mag;
   }

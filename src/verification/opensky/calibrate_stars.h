@@ -20,6 +20,8 @@ struct SkyStar {
   std::uint32_t index = 0;  // in the catalogue
   std::uint32_t id = 0;
 };
+// Of a picture that says nothing about its time: J2025.0 TDB.
+Epoch assumed_epoch();
 // Where a star is seen: motion, parallax, aberration, refraction. Without an observer: from the barycentre, at rest.
 Vec3 apparent_direction(const Star& star, Epoch epoch, const std::optional<State>& observer,
                         const std::optional<Refraction>& refraction);

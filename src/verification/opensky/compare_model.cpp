@@ -124,7 +124,7 @@ std::vector<Measured> Model::measure(double least_snr) const {
   std::vector<Measured> out;
   for (const render::RenderedSource& source : sources_) {
     const Pixel first = source.pixel;
-    if (!(first.u >= -0.5 && first.v >= -0.5 && first.u < c.width_px - 0.5 && first.v < c.height_px - 0.5)) continue;
+    if (!c.contains(first)) continue;
     Measured star;
     star.id = source.source.id;
     star.pixel = first;

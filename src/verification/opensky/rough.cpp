@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "foundation/math/rotation.h"
+#include "verification/opensky/spots.h"
 
 namespace astronav::opensky {
 namespace {
@@ -115,9 +116,7 @@ class Search {
     visible = 0;
     for (std::size_t t = 0; t < targets.size(); ++t) {
       const auto pixel = project(camera_, R_CN * targets[t].direction_N);
-      if (!pixel || pixel->u < -0.5 || pixel->v < -0.5 || pixel->u > camera_.width_px - 0.5 ||
-          pixel->v > camera_.height_px - 0.5)
-        continue;
+      if (!pixel || !camera_.contains(*pixel)) continue;
       ++visible;
       // A saturated spot's centre is no better than a part of its width.
       std::size_t nearest = spots;
@@ -163,9 +162,7 @@ Result<RoughLook> look_near(std::span<const vision::Centroid> spots, const Intri
   RoughLook best;
   for (const bool mirrored : {false, true}) {
     std::vector<vision::Centroid> turned(spots.begin(), spots.end());
-    if (mirrored) {
-      for (vision::Centroid& spot : turned) spot.pixel.u = camera.width_px - 1 - spot.pixel.u;
-    }
+    if (mirrored) turn_round(turned, camera.width_px);
     Search search(turned, camera, settings);
     Mat3 R_CN;
     const double chance = 2.0 * search.run(targets, near, R_CN);  // two parities

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 
+#include "foundation/base/clock.h"
 #include "verification/opensky/calibrate_fisheye.h"
 #include "verification/opensky/rough.h"
 
@@ -18,18 +18,6 @@ constexpr double kTrust = 1.001;  // of a camera's focal length that is believed
 constexpr double kDoubt = 1.03;   // where it is not
 constexpr double kAllSkyMag = 7.0;
 constexpr double kPlanetRadiusPx = 10.0;  // spots nearer to a planet are not taken for stars
-
-double now_ms() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-Epoch j2025() {
-  return Epoch::tdb_seconds(25.0 * 365.25 * 86400.0);
-}
-
-void turn_round(std::vector<vision::Centroid>& spots, int width) {
-  for (vision::Centroid& spot : spots) spot.pixel.u = width - 1 - spot.pixel.u;
-}
 
 Result<void> check(const SolveRequest& request, int width, int height) {
   if (request.field && !(request.field->min_rad > 0.0 && request.field->min_rad <= request.field->max_rad &&
@@ -65,7 +53,7 @@ Pointing center_pointing(const Solution& s) {
 
 Solver::Solver(const StarCatalogue& catalogue, double max_v_mag)
     : catalogue_(catalogue),
-      field_(vision::StarField::build(catalogue, max_v_mag, j2025())),
+      field_(vision::StarField::build(catalogue, max_v_mag, assumed_epoch())),
       blind_(std::make_unique<BlindSearch>(field_)) {}
 
 Result<Solver::Known> Solver::identify_blind(std::span<const vision::Centroid> spots, const SolveRequest& request,
@@ -141,9 +129,10 @@ Result<Solver::Known> Solver::identify_all_sky(std::span<const vision::Centroid>
   out.stars.chance_probability = look->chance_probability;
   std::vector<vision::Centroid> seen(spots.begin(), spots.end());
   if (look->mirrored) turn_round(seen, camera.width_px);
+  const std::vector<SkyPlanet> planets = planets_of(request);
   for (const double net_px : {0.015 * camera.fx_px, 4.0, 2.0, 1.5, 1.5}) {
     std::vector<char> closed(seen.size(), 0);
-    for (const SkyPlanet& planet : planets_of(request)) {
+    for (const SkyPlanet& planet : planets) {
       const auto place = project(camera, out.stars.R_CN * planet.direction_N);
       for (std::size_t s = 0; place && s < seen.size(); ++s)
         closed[s] |= (seen[s].pixel.vec() - place->vec()).norm() < kPlanetRadiusPx;
@@ -177,7 +166,7 @@ Result<Solution> Solver::solve(const Picture& picture, const SolveRequest& reque
   Solution solution;
   solution.width = width;
   solution.height = height;
-  solution.epoch = request.epoch.value_or(j2025());
+  solution.epoch = request.epoch.value_or(assumed_epoch());
   solution.epoch_assumed = !request.epoch.has_value();
   solution.aberration_corrected = request.observer.has_value();
   solution.refraction_corrected = request.refraction.has_value();

@@ -244,6 +244,10 @@ void order_by_certainty(std::vector<vision::Centroid>& spots, const std::vector<
 
 }  // namespace
 
+void turn_round(std::span<vision::Centroid> spots, int width_px) {
+  for (vision::Centroid& spot : spots) spot.pixel.u = width_px - 1 - spot.pixel.u;
+}
+
 Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   Spots out;
   const ImageF& image = picture.pixels;

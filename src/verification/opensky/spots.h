@@ -3,6 +3,7 @@
 // trees.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "foundation/image/image.h"
@@ -28,6 +29,9 @@ struct Spots {
   double noise_dn = 0.0;
   double threshold_dn = 0.0;  // above the background, in the middle of the picture's noise
 };
+
+// From the picture to a camera that is not mirrored, and back.
+void turn_round(std::span<vision::Centroid> spots, int width_px);
 
 Spots find_spots(const Picture& picture, const SpotSettings& settings = {});
 
