@@ -70,6 +70,7 @@ TEST_F(ReportInBrowser, MissionDrawsEveryChart) {
   EXPECT_EQ(count(dom, "class=\"uplot"), 14u);
   EXPECT_EQ(count(dom, "href=\"data:image/png;base64,"), 2u);
   EXPECT_NE(dom.find("<canvas class=\"orbit\""), std::string::npos);
+  EXPECT_NE(dom.find("<canvas class=\"density\""), std::string::npos);
   EXPECT_GT(count(dom, "class=\"mark star\""), 50u);
   EXPECT_NE(dom.find("the spacecraft knew its place to"), std::string::npos);
   EXPECT_EQ(dom.find("[object "), std::string::npos);

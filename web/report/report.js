@@ -624,6 +624,93 @@
     }));
   }
 
+  // Where planets were found beside their true pixels: density of the error in two dimensions (Gaussian kernels).
+  function planetErrorSection(images) {
+    const all = images.body.map((body, i) => ({ body, u: num(images.planet_error[0][i]), v: num(images.planet_error[1][i]) }))
+      .filter((p) => Number.isFinite(p.u) && Number.isFinite(p.v));
+    const bodies = [...new Set(all.map((p) => p.body))];
+    const canvas = h('canvas', { class: 'density', width: 520, height: 520, 'aria-label': 'Density of the error of planet pixels' });
+    const words = h('table', {});
+    const about = (points) => {
+      const n = points.length || 1;
+      const mean = (f) => points.reduce((sum, p) => sum + f(p), 0) / n;
+      const [mu, mv] = [mean((p) => p.u), mean((p) => p.v)];
+      return { n: points.length, mu, mv, su: Math.sqrt(mean((p) => p.u * p.u)), sv: Math.sqrt(mean((p) => p.v * p.v)),
+        radius: points.map((p) => Math.hypot(p.u, p.v)).sort((a, b) => a - b)[Math.min(points.length - 1, Math.floor(0.9889 * points.length))] };
+    };
+    let chosen = all;
+    function draw() {
+      const size = canvas.width;
+      const k = about(chosen);
+      const reach = Math.max(1e-6, 1.15 * Math.max(3 * k.su, 3 * k.sv, k.radius || 0));
+      const cells = 130;
+      const kernel = Math.max(1.5, (0.25 * Math.min(k.su, k.sv) * cells) / (2 * reach));
+      const grid = new Float64Array(cells * cells);
+      const span = Math.ceil(3 * kernel);
+      for (const p of chosen) {
+        const [x, y] = [((p.u / reach + 1) * cells) / 2, ((p.v / reach + 1) * cells) / 2];
+        for (let j = Math.max(0, Math.floor(y) - span); j <= Math.min(cells - 1, Math.floor(y) + span); j++) {
+          for (let i = Math.max(0, Math.floor(x) - span); i <= Math.min(cells - 1, Math.floor(x) + span); i++) {
+            grid[j * cells + i] += Math.exp(-((i + 0.5 - x) ** 2 + (j + 0.5 - y) ** 2) / (2 * kernel * kernel));
+          }
+        }
+      }
+      const top = Math.max(...grid) || 1;
+      const g = canvas.getContext('2d');
+      g.fillStyle = css('card');
+      g.fillRect(0, 0, size, size);
+      const cell = size / cells;
+      const colour = css('accent');
+      for (let j = 0; j < cells; j++) {
+        for (let i = 0; i < cells; i++) {
+          const share = grid[j * cells + i] / top;
+          if (share < 0.004) continue;
+          g.globalAlpha = Math.sqrt(share);
+          g.fillStyle = colour;
+          g.fillRect(i * cell, j * cell, cell + 0.6, cell + 0.6);
+        }
+      }
+      g.globalAlpha = 1;
+      g.strokeStyle = css('line');
+      g.strokeRect(0.5, 0.5, size - 1, size - 1);
+      g.beginPath();
+      g.moveTo(0, size / 2); g.lineTo(size, size / 2); g.moveTo(size / 2, 0); g.lineTo(size / 2, size);
+      g.stroke();
+      g.lineWidth = 1.5;
+      const at = (value) => (value / reach) * (size / 2);
+      for (const sigmas of [1, 3]) {
+        g.strokeStyle = css(sigmas === 1 ? 'soft' : 'bound');
+        g.setLineDash(sigmas === 1 ? [4, 4] : []);
+        g.beginPath();
+        g.ellipse(size / 2, size / 2, at(sigmas * k.su), at(sigmas * k.sv), 0, 0, 2 * Math.PI);
+        g.stroke();
+      }
+      g.setLineDash([]);
+      // A round number for the ruler.
+      const raw = reach / 3, power = 10 ** Math.floor(Math.log10(raw)), ruler = power * [1, 2, 5].filter((m) => m * power <= raw).pop();
+      g.fillStyle = g.strokeStyle = css('ink');
+      g.beginPath();
+      g.moveTo(16, size - 20); g.lineTo(16 + at(ruler), size - 20);
+      g.stroke();
+      g.font = '15px system-ui, sans-serif';
+      g.fillText(`${ruler} px`, 16, size - 28);
+      g.fillStyle = css('soft');
+      g.fillText('+u', size - 28, size / 2 - 8);
+      g.fillText('+v', size / 2 + 8, size - 12);
+    }
+    words.append(h('thead', {}, h('tr', {}, ['', 'images', 'mean u, v, px', '3σ u', '3σ v', 'inside 98.9 %'].map((t) => h('th', {}, t)))),
+      h('tbody', {}, [['all', all], ...bodies.map((b) => [b, all.filter((p) => p.body === b)])].map(([name, points]) => {
+        const k = about(points);
+        return h('tr', {}, [name, k.n, `${k.mu.toFixed(4)}, ${k.mv.toFixed(4)}`, (3 * k.su).toFixed(4), (3 * k.sv).toFixed(4), k.radius.toFixed(4)].map((t) => h('td', {}, String(t))));
+      })));
+    redraws.push(draw);
+    const tools = toggles(['all', ...bodies], 0, (i) => { chosen = i === 0 ? all : all.filter((p) => p.body === bodies[i - 1]); draw(); });
+    const box = section('Where the planets were found', 'Pixel of the planet minus its true pixel, every image: density, with ellipses of 1σ (dashed) and 3σ about zero. 98.9 % is what three sigma hold in two dimensions.',
+      h('div', { class: 'row' }, canvas, h('div', { class: 'scroll' }, words)));
+    box.querySelector('.head').append(tools);
+    return box;
+  }
+
   function scenarioSection(text) {
     return h('section', {}, h('details', {}, h('summary', {}, 'The scenario'), h('pre', {}, text)));
   }
@@ -647,6 +734,7 @@
     page.append(consistencySection(data));
     if (data.images.index.length) page.append(residualSection(data.images));
     if (data.frames.length) page.append(framesSection(data.frames));
+    if (data.images.planet_error[0].some((v) => v !== null)) page.append(planetErrorSection(data.images));
     if (m.level !== 'mil' && data.images.index.length) page.append(visionSection(data.images));
     page.append(timingSection());
   }

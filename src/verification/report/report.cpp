@@ -150,7 +150,8 @@ Json error_columns(const loop::Records& records) {
 Json image_columns(const loop::Records& records) {
   Json index = Json::array(), days = Json::array(), bodies = Json::array(), stars = Json::array(),
        centroid = Json::array();
-  std::array<Json, 2> innovation{Json::array(), Json::array()}, sigma{Json::array(), Json::array()};
+  std::array<Json, 2> innovation{Json::array(), Json::array()}, sigma{Json::array(), Json::array()},
+      planet_error{Json::array(), Json::array()};
   Axes attitude_error, attitude_sigma;
   for (const Event& e : records.events) {
     if (e.kind != EventKind::image) continue;
@@ -161,6 +162,7 @@ Json image_columns(const loop::Records& records) {
       const int i = static_cast<int>(k);
       innovation[k].push_back(e.accepted ? short_number(e.innovation_px[i]) : Json(nullptr));
       sigma[k].push_back(e.accepted ? short_number(std::sqrt(e.innovation_covariance_px2(i, i))) : Json(nullptr));
+      planet_error[k].push_back(e.planet_found ? short_number(e.planet_error_px[i]) : Json(nullptr));
     }
     const double nan = std::nan("");
     attitude_error.add(e.attitude_found ? Vec3(e.attitude_error_rad / kArcsecond) : Vec3::Constant(nan));
@@ -175,6 +177,7 @@ Json image_columns(const loop::Records& records) {
           {"body", std::move(bodies)},
           {"innovation", Json::array({std::move(innovation[0]), std::move(innovation[1])})},
           {"innovation_sigma", Json::array({std::move(sigma[0]), std::move(sigma[1])})},
+          {"planet_error", Json::array({std::move(planet_error[0]), std::move(planet_error[1])})},
           {"attitude_error", attitude_error.take()},
           {"attitude_sigma", attitude_sigma.take()},
           {"stars", std::move(stars)},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/report/report.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -31,6 +32,11 @@ TEST(Report, HoldsEverythingInOneFile) {
   }
   const auto data = data_of(html);
   EXPECT_EQ(data["images"]["index"].size(), 60u);
+  const auto first = std::find_if(records.events.begin(), records.events.end(),
+                                  [](const loop::Event& e) { return e.kind == loop::EventKind::image; });
+  ASSERT_TRUE(first->planet_found);
+  EXPECT_NEAR(data["images"]["planet_error"][1][0].get<double>(), first->planet_error_px[1],
+              1e-4 * std::abs(first->planet_error_px[1]));
   EXPECT_EQ(data["cycle"]["day"].size(), 6u);
   EXPECT_EQ(data["window"]["nis"].size(), 12u);
   EXPECT_EQ(data["errors"]["day"].size(), records.events.size());
