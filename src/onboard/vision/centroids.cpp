@@ -177,7 +177,8 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
 template <typename T>
 void CentroidFinder::consider_lesson(ImageView<const T> image, const Region& region, const PsfFit& fit,
                                      const LocalPsf& psf, const LocalLevel& level, const PsfEvidence& evidence) {
-  if (lesson_count_ == lessons_.size() || fit.flux_dn < kLessonSnr * fit.flux_sigma_dn) return;
+  const std::size_t most = lessons_learnt_ < kFirstLessons ? lessons_.size() : 1;
+  if (lesson_count_ == most || fit.flux_dn < kLessonSnr * fit.flux_sigma_dn) return;
   Lesson& lesson = lessons_[lesson_count_];
   lesson = {fit.pixel, evidence, region.saturated};
   const int u = static_cast<int>(std::lround(fit.pixel.u)), v = static_cast<int>(std::lround(fit.pixel.v));
@@ -205,6 +206,7 @@ bool CentroidFinder::alone(const Window& window, const Region& region) const {
 void CentroidFinder::learn() {
   for (std::size_t i = 0; i < lesson_count_; ++i)
     psf_.learn(lessons_[i].pixel, lessons_[i].evidence, lessons_[i].resolved);
+  lessons_learnt_ += lesson_count_;
 }
 
 bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, Pixel guess,
@@ -294,12 +296,14 @@ void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
   const auto regions = regions_.all();
   order_.clear();
   for (std::size_t i = 0; i < regions.size(); ++i) {
-    if (regions[i].pixels >= settings_.min_region_px) order_.push_back(static_cast<std::uint32_t>(i));
+    if (regions[i].pixels >= settings_.min_region_px) order_.push_back({regions[i].sum, static_cast<std::uint32_t>(i)});
   }
   // As many again as are wanted may be no stars.
   const std::size_t looked = std::min(order_.size(), 2 * wanted);
-  std::partial_sort(order_.begin(), order_.begin() + static_cast<std::ptrdiff_t>(looked), order_.end(),
-                    [&](std::uint32_t a, std::uint32_t b) { return regions[a].sum > regions[b].sum; });
+  const auto brighter = [](const Ranked& a, const Ranked& b) { return a.light > b.light; };
+  const auto last = order_.begin() + static_cast<std::ptrdiff_t>(looked);
+  if (looked < order_.size()) std::nth_element(order_.begin(), last, order_.end(), brighter);
+  std::sort(order_.begin(), last, brighter);
   candidates_.clear();
   const auto set_apart = [&](const Candidate& candidate, SpotKind kind) {
     if (others_.size() == kMaxOthers) return;
@@ -316,9 +320,9 @@ void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
     others_.push_back(other);
   };
   for (std::size_t k = 0; k < looked && candidates_.size() < wanted; ++k) {
-    const Region& region = regions[order_[k]];
+    const Region& region = regions[order_[k].region];
     Candidate candidate;
-    candidate.region = order_[k];
+    candidate.region = order_[k].region;
     candidate.core = region.saturated_box;
     const bool blooming = region.saturated && bloomed(region);
     if (blooming) candidate.core = core_of_bloomed(image, region.saturated_box, sensor_.saturation_dn);

@@ -67,7 +67,10 @@ class CentroidFinder {
   double s_curve_rms_px() const { return s_curve_rms_px_; }
 
   const PsfBelief& psf() const { return psf_; }
-  void forget_psf() { psf_.forget(); }
+  void forget_psf() {
+    psf_.forget();
+    lessons_learnt_ = 0;
+  }
 
  private:
   struct Candidate {
@@ -109,12 +112,18 @@ class CentroidFinder {
   PsfBelief psf_;
   Background background_;
   Regions regions_;
-  std::vector<std::uint32_t> order_;
+  struct Ranked {
+    double light;
+    std::uint32_t region;
+  };
+  std::vector<Ranked> order_;
   std::vector<Candidate> candidates_;
   std::vector<Centroid> others_;
   std::vector<double> excess_;
-  std::array<Lesson, 4> lessons_;  // a frame's; the belief is settled after some dozens
-  std::size_t lesson_count_ = 0;
+  // A frame's. Some dozens settle the belief, and then one a frame follows its drift.
+  static constexpr std::size_t kFirstLessons = 48;
+  std::array<Lesson, 4> lessons_;
+  std::size_t lesson_count_ = 0, lessons_learnt_ = 0;
   // Pixels that were sharper than any star, in this frame and in the last.
   static constexpr std::size_t kSharp = 256;
   std::array<std::array<Pixel, kSharp>, 2> sharp_;

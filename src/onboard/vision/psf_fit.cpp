@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include "onboard/vision/psf_shape_fit.h"
 
@@ -14,8 +15,10 @@ namespace astronav::vision {
 namespace {
 
 constexpr int kMaxIterations = 40;
-constexpr double kConverged = 1e-3;  // px; the next step would be a hundredth of that
-constexpr double kBlendChi2 = 2.5;   // per degree of freedom: beyond it something else is in the window
+// A step this short is the last: the next would be a hundredth of it.
+constexpr double kConverged = 1e-3;       // px
+constexpr double kConvergedSigmas = 0.2;  // of the place's own noise
+constexpr double kBlendChi2 = 2.5;        // per degree of freedom: beyond it something else is in the window
 
 PsfFit inflated(PsfFit fit) {
   if (fit.chi2_per_dof > kBlendChi2) fit.covariance_px2 *= fit.chi2_per_dof;
@@ -50,17 +53,19 @@ class PointFit {
     for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
       linearize(flux);
       fit.chi2_per_dof = chi2_ / std::max(1, w.width() * w.height() - 3);
-      const Eigen::LLT<Mat3> llt(information_);
-      if (llt.info() != Eigen::Success) return fit;
-      Vec3 step = llt.solve(gradient_);
-      const double length = std::hypot(step(0), step(1));
+      Mat3 covariance;
+      bool known = false;
+      information_.computeInverseWithCheck(covariance, known, 0.0);
+      if (!known || !(covariance.diagonal().minCoeff() > 0.0)) return fit;
+      Vec3 step = covariance * gradient_;
+      const double length = step.head<2>().norm();
       if (length > 0.5) step *= 0.5 / length;
       u += step(0);
       v += step(1);
       flux = std::max(flux + step(2), 0.2 * flux);
       if (!(u >= w.u0 - 0.5 && u <= w.u1 + 0.5 && v >= w.v0 - 0.5 && v <= w.v1 + 0.5)) return fit;
-      if (length < kConverged) {
-        const Mat3 covariance = llt.solve(Mat3::Identity());
+      const double noise = std::sqrt(0.5 * (covariance(0, 0) + covariance(1, 1)));
+      if (length < std::max(kConverged, kConvergedSigmas * noise)) {
         fit.converged = true;
         fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
         fit.flux_sigma_dn = std::sqrt(covariance(2, 2));
@@ -128,10 +133,11 @@ class PointFit {
       for (int group = 0; group < patch_.padded_width(); group += kLanes) {
         const auto first = static_cast<std::size_t>(group);
         const std::size_t pixel = static_cast<std::size_t>(j * kMaxFitWindow) + first;
+        alignas(64) Lanes halo{};
+        if (with_halo_) std::copy_n(halo_.begin() + static_cast<std::ptrdiff_t>(pixel), kLanes, halo.begin());
         for (std::size_t l = 0; l < kLanes; ++l) {
           const std::size_t i = first + l;
-          const double halo = with_halo_ ? halo_[pixel + l] : 0.0;
-          const double jf = sy * x_.share[i] + halo;
+          const double jf = sy * x_.share[i] + halo[l];
           const double signal = flux * jf;
           const double weight = patch_.counts[pixel + l] / (noise2 + signal * (shot + prnu2 * signal));
           const double residual = patch_.light[pixel + l] - signal;

@@ -44,10 +44,9 @@ struct LocalLevel {
   double noise_dn = 0.0;
   const float* columns_dn = nullptr;  // by the image's column; nullptr: nothing
 
-  double under(int u, int v) const {
-    const double column = columns_dn != nullptr ? static_cast<double>(columns_dn[u]) : 0.0;
-    return background_dn + slope_u_dn * (u - at.u) + slope_v_dn * (v - at.v) + column;
-  }
+  double plane(int u, int v) const { return background_dn + slope_u_dn * (u - at.u) + slope_v_dn * (v - at.v); }
+  double column(int u) const { return columns_dn != nullptr ? static_cast<double>(columns_dn[u]) : 0.0; }
+  double under(int u, int v) const { return plane(u, v) + column(u); }
 };
 
 // `guess` within about 1 px (saturated: 2 px). Does not allocate; at most 100 iterations.

@@ -71,15 +71,26 @@ bool PsfBelief::settled() const {
   return std::sqrt(covariance_(LocalPsf::width, LocalPsf::width)) < 0.02 * value_[LocalPsf::width];
 }
 
-PsfBelief::Map PsfBelief::map_at(Pixel pixel) const {
-  Map map = Map::Identity();
-  map(LocalPsf::width, kGrowth) = (pixel.vec() - middle_px_).squaredNorm() / (half_diagonal_px_ * half_diagonal_px_);
-  return map;
+double PsfBelief::growth_at(Pixel pixel) const {
+  return (pixel.vec() - middle_px_).squaredNorm() / (half_diagonal_px_ * half_diagonal_px_);
 }
 
+// map_at() applied: only the width knows of its growth.
 LocalPsf PsfBelief::at(Pixel pixel) const {
-  const Map map = map_at(pixel);
-  return {map * value_, map * covariance_ * map.transpose()};
+  const double r2 = growth_at(pixel);
+  LocalPsf psf{value_.head<LocalPsf::count>(), covariance_.topLeftCorner<LocalPsf::count, LocalPsf::count>()};
+  psf.value[LocalPsf::width] += r2 * value_[kGrowth];
+  const LocalPsf::Vector with_growth = r2 * covariance_.col(kGrowth).head<LocalPsf::count>();
+  psf.covariance.row(LocalPsf::width) += with_growth.transpose();
+  psf.covariance.col(LocalPsf::width) += with_growth;
+  psf.covariance(LocalPsf::width, LocalPsf::width) += r2 * r2 * covariance_(kGrowth, kGrowth);
+  return psf;
+}
+
+PsfBelief::Map PsfBelief::map_at(Pixel pixel) const {
+  Map map = Map::Identity();
+  map(LocalPsf::width, kGrowth) = growth_at(pixel);
+  return map;
 }
 
 void PsfBelief::learn(Pixel pixel, const PsfEvidence& evidence, bool resolved) {

@@ -91,6 +91,7 @@ class PsfBelief {
   using Vector = Eigen::Matrix<double, kStates, 1>;
   using Matrix = Eigen::Matrix<double, kStates, kStates>;
   using Map = Eigen::Matrix<double, LocalPsf::count, kStates>;
+  double growth_at(Pixel pixel) const;
   Map map_at(Pixel pixel) const;
 
   SensorModel sensor_;

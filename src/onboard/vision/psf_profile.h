@@ -14,6 +14,18 @@ namespace astronav::vision {
 inline constexpr int kMaxFitWindow = 32;  // px, each way
 inline constexpr int kLanes = 8;          // rows are worked on in groups of so many pixels
 
+// The first pixels of a row of which `left` remain; zero beyond its end.
+template <typename T>
+std::array<double, kLanes> lanes_of(const T* pixels, int left) {
+  std::array<double, kLanes> lanes{};
+  if (left >= kLanes) {
+    for (std::size_t l = 0; l < kLanes; ++l) lanes[l] = static_cast<double>(pixels[l]);
+  } else {
+    for (int l = 0; l < left; ++l) lanes[static_cast<std::size_t>(l)] = static_cast<double>(pixels[l]);
+  }
+  return lanes;
+}
+
 // The normal law and its density from a table: cubic Hermite between nodes 1/16 apart, good to 1e-7 and 1e-6. Every
 // star asks for dozens of values, and erf would take most of the fit's time.
 class NormalTable {

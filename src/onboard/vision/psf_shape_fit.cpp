@@ -24,19 +24,27 @@ void Patch::load(ImageView<const T> image, const Window& w, const LocalLevel& le
   window = w;
   noise_dn = level.noise_dn;
   saturated_ = false;
-  const int padded = padded_width();
+  const int width = w.width(), padded = padded_width();
+  double brightest = -HUGE_VAL;
   for (int j = 0; j < w.height(); ++j) {
     const T* row = image.row(w.v0 + j) + w.u0;
     double* to = light.data() + j * kMaxFitWindow;
     double* use = counts.data() + j * kMaxFitWindow;
-    for (int i = 0; i < w.width(); ++i) {
-      const double dn = static_cast<double>(row[i]);
-      to[i] = dn - level.under(w.u0 + i, w.v0 + j);
-      use[i] = dn < sensor.saturation_dn ? 1.0 : 0.0;
-      saturated_ |= dn >= sensor.saturation_dn;
+    const double first = level.plane(w.u0, w.v0 + j);
+    for (int group = 0; group < padded; group += kLanes) {
+      const auto pixels = lanes_of(row + group, image.width() - w.u0 - group);
+      for (int l = 0; l < kLanes; ++l) {
+        const int i = group + l;
+        const double dn = pixels[static_cast<std::size_t>(l)], inside = i < width ? 1.0 : 0.0;
+        to[i] = inside * (dn - (first + level.slope_u_dn * i));
+        use[i] = dn < sensor.saturation_dn ? inside : 0.0;
+        brightest = std::max(brightest, inside * dn);
+      }
     }
-    for (int i = w.width(); i < padded; ++i) to[i] = use[i] = 0.0;
+    if (level.columns_dn != nullptr)
+      for (int i = 0; i < width; ++i) to[i] -= level.column(w.u0 + i);
   }
+  saturated_ = brightest >= sensor.saturation_dn;
   if (!saturated_ || !sensor.blooming) return;
   for (int i = 0; i < w.width(); ++i) {
     bool full = false;
@@ -128,6 +136,31 @@ void ShapeFit::weigh(const Vector& p) {
       weight[i] = counts[i] / (noise2 + signal * (shot + shape2 * signal) + halo_shape2 * halo * halo);
     }
   }
+}
+
+// Chi-square at p, whose profiles are there, under the weights as they are.
+double ShapeFit::misfit(const Vector& p) const {
+  alignas(64) std::array<double, kLanes> chi2{};
+  const double flux = std::exp(p(kFlux));
+  const double share = p(kShape + LocalPsf::halo_share), outer = p(kShape + LocalPsf::outer_share);
+  for (int j = 0; j < patch_.window.height(); ++j) {
+    const double core_y = flux * at(y_.share, j);
+    const double inner_y = flux * share * (1.0 - outer) * at(inner_y_.share, j);
+    const double outer_y = flux * share * outer * at(outer_y_.share, j);
+    for (int group = 0; group < patch_.padded_width(); group += kLanes) {
+      const auto first = static_cast<std::size_t>(group);
+      const std::size_t pixel = static_cast<std::size_t>(j * kMaxFitWindow) + first;
+      for (std::size_t l = 0; l < kLanes; ++l) {
+        const std::size_t i = first + l;
+        const double signal = core_y * x_.share[i] + inner_y * inner_x_.share[i] + outer_y * outer_x_.share[i];
+        const double residual = patch_.light[pixel + l] - signal;
+        chi2[l] += weight_[pixel + l] * residual * residual;
+      }
+    }
+  }
+  double sum = 0.0;
+  for (const double lane : chi2) sum += lane;
+  return sum;
 }
 
 // Sets information and gradient of the likelihood at p, whose profiles are there; returns chi-square.
@@ -256,7 +289,8 @@ PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_o
     double trial_cost = HUGE_VAL;
     if (inside(trial)) {
       profiles(trial);
-      trial_cost = judge(trial);
+      const LocalPsf::Vector off = prior.value - trial.tail<LocalPsf::count>();
+      trial_cost = misfit(trial) + off.dot(belief * off);
     }
     if (trial_cost <= cost * (1.0 + 1e-12)) {
       p = trial;
@@ -271,8 +305,6 @@ PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_o
       }
     } else {
       damping *= 10.0;
-      profiles(p);
-      cost = judge(p);
       if (damping > 1e8) break;
     }
   }

@@ -56,6 +56,7 @@ class ShapeFit {
   bool start_flux(Vector& p);
   void profiles(const Vector& p);
   void weigh(const Vector& p);
+  double misfit(const Vector& p) const;
   double linearize(const Vector& p);
 
   const Patch& patch_;

@@ -2,6 +2,8 @@
 #include "onboard/vision/regions.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <type_traits>
@@ -10,7 +12,7 @@ namespace astronav::vision {
 namespace {
 
 constexpr std::size_t kMaxRuns = 65536;
-constexpr int kBlock = 64;  // pixels looked at together when hunting for the rare bright one
+constexpr int kBlock = 64;  // pixels looked at together: a bit of a word each
 
 constexpr Window kNowhere{std::numeric_limits<int>::max(), std::numeric_limits<int>::max(), -1, -1};
 
@@ -45,6 +47,24 @@ struct Varying {
   }
   bool operator()(const T* row, int u) const { return static_cast<float>(row[u]) > threshold[u]; }
 };
+
+// Bit i: pixel begin + i is above. A byte each at first, which compilers do by the vector; then eight bytes of 0 and 1
+// at once, which a product moves side by side into its top byte.
+template <typename T, typename Above>
+std::uint64_t bits_above(const T* row, int begin, int count, Above above) {
+  std::array<std::uint8_t, kBlock> bytes{};
+  if (count == kBlock) {
+    for (int i = 0; i < kBlock; ++i) bytes[static_cast<std::size_t>(i)] = above(row, begin + i);
+  } else {
+    for (int i = 0; i < count; ++i) bytes[static_cast<std::size_t>(i)] = above(row, begin + i);
+  }
+  constexpr std::uint64_t kGather =
+      std::endian::native == std::endian::little ? 0x0102040810204080u : 0x8040201008040201u;
+  const auto words = std::bit_cast<std::array<std::uint64_t, kBlock / 8>>(bytes);
+  std::uint64_t bits = 0;
+  for (std::size_t w = 0; w < words.size(); ++w) bits |= (words[w] * kGather >> 56) << (8 * w);
+  return bits;
+}
 
 }  // namespace
 
@@ -81,7 +101,9 @@ void Regions::add_run(ImageView<const T> image, const Background& background, do
     while (static_cast<double>(row[s1]) < saturation_dn) --s1;
   }
   const int middle = (u0 + u1) / 2;
-  const double under = background.at({static_cast<double>(middle), static_cast<double>(v)}).under(middle, v);
+  const double under = background.even()
+                           ? level_dn_
+                           : background.at({static_cast<double>(middle), static_cast<double>(v)}).under(middle, v);
   runs_.push_back({static_cast<std::int32_t>(runs_.size()), static_cast<std::int16_t>(v), static_cast<std::int16_t>(u0),
                    static_cast<std::int16_t>(u1), static_cast<std::int16_t>(s0), static_cast<std::int16_t>(s1),
                    static_cast<float>(sum - under * (u1 - u0 + 1)),
@@ -112,17 +134,26 @@ template <typename T, typename Above>
 void Regions::collect_row(ImageView<const T> image, const Background& background, int v, double saturation_dn,
                           Above above) {
   const T* row = image.row(v);
-  int start = -1;
+  int start = -1;  // of a run that is not at its end
   for (int block = 0; block < image.width(); block += kBlock) {
-    const int end = std::min(block + kBlock, image.width());
-    if (start < 0 && end - block == kBlock && !above.any(row, block)) continue;
-    for (int u = block; u < end; ++u) {
-      const bool bright = above(row, u);
-      if (bright && start < 0) start = u;
-      if (!bright && start >= 0) {
-        add_run(image, background, saturation_dn, v, start, u - 1);
-        start = -1;
+    const int count = std::min(kBlock, image.width() - block);
+    std::uint64_t bright = 0;
+    if (count < kBlock || above.any(row, block)) bright = bits_above(row, block, count, above);
+    if (start >= 0) {
+      const int more = std::countr_one(bright);
+      if (more == kBlock) continue;
+      add_run(image, background, saturation_dn, v, start, block + more - 1);
+      start = -1;
+      bright &= bright + 1;  // without the lowest ones
+    }
+    while (bright != 0) {
+      const int first = std::countr_zero(bright), length = std::countr_one(bright >> first);
+      if (first + length == kBlock) {
+        start = block + first;
+        break;
       }
+      add_run(image, background, saturation_dn, v, block + first, block + first + length - 1);
+      bright &= bright + (std::uint64_t{1} << first);
     }
   }
   if (start >= 0) add_run(image, background, saturation_dn, v, start, image.width() - 1);
@@ -132,6 +163,7 @@ template <typename T>
 void Regions::grow(ImageView<const T> image, const Background& background, const FrameLevel& level,
                    double threshold_sigma, double threshold_dn, double saturation_dn) {
   overflowed_ = false;
+  level_dn_ = level.background_dn;
   runs_.clear();
   T constant;
   if constexpr (std::is_integral_v<T>) {

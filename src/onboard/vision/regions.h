@@ -50,6 +50,7 @@ class Regions {
   void collect_regions();
 
   bool overflowed_ = false;
+  double level_dn_ = 0.0;  // where the background is even
   std::vector<Run> runs_;
   std::vector<std::int32_t> region_of_run_;
   std::vector<Region> regions_;

@@ -2,7 +2,9 @@
 #include "onboard/vision/spot_shape.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 
 namespace astronav::vision {
 namespace {
@@ -35,48 +37,63 @@ Moments moments_of(ImageView<const T> image, const Region& region, const LocalLe
   const Window w = grown(region.box, 1, image.width(), image.height());
   const double cu = 0.5 * (w.u0 + w.u1), cv = 0.5 * (w.v0 + w.v1);
   const double least = kLight * level.noise_dn;
-  double uu = 0.0, uv = 0.0, vv = 0.0, noise4 = 0.0, brightest = 0.0;
-  int peak_u = region.box.u0, peak_v = region.box.v0;
+  using Lanes = std::array<double, kLanes>;
+  alignas(64) Lanes flux{}, of_x{}, of_y{}, of_xx{}, of_xy{}, of_yy{}, noise4{}, brightest{};
+  alignas(64) std::array<std::int64_t, kLanes> peak{};  // row * 2^16 + column
+  const double noise2 = level.noise_dn * level.noise_dn, shot = 1.0 / sensor.gain_e_dn;
+  const double prnu2 = sensor.photo_nonuniformity * sensor.photo_nonuniformity;
   for (int v = w.v0; v <= w.v1; ++v) {
-    const T* row = image.row(v);
-    for (int u = w.u0; u <= w.u1; ++u) {
-      const double d = static_cast<double>(row[u]) - level.under(u, v);
-      if (!(d > least)) continue;
-      const double x = u - cu, y = v - cv;
-      m.flux += d;
-      m.centre += d * Vec2(x, y);
-      uu += d * x * x;
-      uv += d * x * y;
-      vv += d * y * y;
-      const double r2 = x * x + y * y;
-      noise4 += sensor.pixel_variance_dn2(d, level.noise_dn) * r2 * r2;
-      if (d > brightest) {
-        brightest = d;
-        peak_u = u;
-        peak_v = v;
+    const double first = level.plane(w.u0, v), y = v - cv;
+    for (int u = w.u0; u <= w.u1; u += kLanes) {
+      auto light = lanes_of(image.row(v) + u, image.width() - u);
+      if (level.columns_dn != nullptr)
+        for (int l = 0; u + l <= w.u1 && l < kLanes; ++l) light[static_cast<std::size_t>(l)] -= level.column(u + l);
+      for (std::size_t l = 0; l < kLanes; ++l) {
+        const int at = u + static_cast<int>(l);
+        const double above = light[l] - (first + level.slope_u_dn * (at - w.u0));
+        const double one = above > least && at <= w.u1 ? 1.0 : 0.0;
+        const double d = one * above, x = at - cu, r2 = x * x + y * y;
+        flux[l] += d;
+        of_x[l] += d * x;
+        of_y[l] += d * y;
+        of_xx[l] += d * x * x;
+        of_xy[l] += d * x * y;
+        of_yy[l] += d * y * y;
+        noise4[l] += one * (noise2 + d * (shot + prnu2 * d)) * r2 * r2;
+        peak[l] = d > brightest[l] ? (std::int64_t{v} << 16) + at : peak[l];
+        brightest[l] = std::max(brightest[l], d);
       }
     }
   }
+  const auto total = [](const Lanes& lanes) {
+    double sum = 0.0;
+    for (const double lane : lanes) sum += lane;
+    return sum;
+  };
+  m.flux = total(flux);
   if (!(m.flux > 0.0)) return m;
-  m.centre /= m.flux;
-  m.second << uu, uv, uv, vv;
+  m.centre = Vec2(total(of_x), total(of_y)) / m.flux;
+  m.second << total(of_xx), total(of_xy), total(of_xy), total(of_yy);
   m.second = m.second / m.flux - m.centre * m.centre.transpose();
-  m.second_sigma = std::sqrt(noise4) / m.flux;
+  m.second_sigma = std::sqrt(total(noise4)) / m.flux;
   m.centre += Vec2(cu, cv);
+  const auto top = static_cast<std::size_t>(std::max_element(brightest.begin(), brightest.end()) - brightest.begin());
+  const double most = brightest[top];
+  const int peak_u = static_cast<int>(peak[top] & 0xffff), peak_v = static_cast<int>(peak[top] >> 16);
   const auto near = [&](int u, int v) { return static_cast<double>(image(u, v)) - level.under(u, v); };
-  m.middle = near(static_cast<int>(std::lround(m.centre.x())), static_cast<int>(std::lround(m.centre.y()))) / brightest;
+  m.middle = near(static_cast<int>(std::lround(m.centre.x())), static_cast<int>(std::lround(m.centre.y()))) / most;
   double sum = 0.0;
   const Window about = grown({peak_u, peak_v, peak_u, peak_v}, 1, image.width(), image.height());
   for (int v = about.v0; v <= about.v1; ++v) {
     for (int u = about.u0; u <= about.u1; ++u) sum += near(u, v);
   }
-  sum = std::max(sum, brightest);
-  m.sharpest = brightest / sum;
+  sum = std::max(sum, most);
+  m.sharpest = most / sum;
   m.sharpest_sigma = std::hypot(3.0 * level.noise_dn * m.sharpest,
-                                std::sqrt(sensor.pixel_variance_dn2(brightest, level.noise_dn)) * (1.0 - m.sharpest)) /
+                                std::sqrt(sensor.pixel_variance_dn2(most, level.noise_dn)) * (1.0 - m.sharpest)) /
                      sum;
   m.peak = {static_cast<double>(peak_u), static_cast<double>(peak_v)};
-  m.peak_over_noise = brightest / level.noise_dn;
+  m.peak_over_noise = most / level.noise_dn;
   return m;
 }
 
