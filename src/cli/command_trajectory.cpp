@@ -14,11 +14,11 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/trajectory_design.h"
 #include "cli/validators.h"
 #include "foundation/files/mapped_file.h"
 #include "models/oem/oem.h"
 #include "simulator/trajectory/trajectory.h"
-#include "simulator/transfer/ballistic.h"
 
 namespace astronav::cli {
 namespace {
@@ -34,20 +34,6 @@ struct ConvertOptions {
   std::string in;
   std::string out;
   std::string body, center, begin, end, step;
-  std::vector<std::string> kernels;
-  bool json = false;
-};
-
-struct DesignOptions {
-  std::string from = "earth";
-  std::string to = "mars";
-  std::string departure;
-  double days = 0.0;
-  double miss_km = 0.0;
-  double coast_in_days = 3.0;
-  double coast_out_days = 3.0;
-  std::string step = "6h";
-  std::string out;
   std::vector<std::string> kernels;
   bool json = false;
 };
@@ -132,16 +118,6 @@ Result<int> run_info(const InfoOptions& options) {
   const Result<void> done = *kind == Kind::spk ? info_of_spk(options, *file) : info_of_oem(options, *file);
   if (!done) return forward(done, options.file);
   return 0;
-}
-
-Result<void> write_oem(const std::string& path, Oem oem) {
-  if (std::filesystem::path(path).extension() == ".bsp") {
-    return fail(ErrorCode::unsupported, "SPK kernels are not written; give an .oem file to write", {}, path);
-  }
-  oem.creation_date = fmt::format("{:%Y-%m-%dT%H:%M:%S}", fmt::gmtime(std::chrono::system_clock::now()));
-  const auto written = write_file(path, to_text(oem));
-  if (!written) return forward(written, path);
-  return {};
 }
 
 // The one body a spacecraft's kernel is about, where it is about one.
@@ -256,72 +232,6 @@ Result<int> run_convert(const ConvertOptions& options) {
   return 0;
 }
 
-Result<int> run_design(const DesignOptions& options) {
-  const auto from = parse_body(options.from);
-  if (!from) return forward(from, "--from");
-  const auto to = parse_body(options.to);
-  if (!to) return forward(to, "--to");
-  const auto departure = Epoch::parse(options.departure);
-  if (!departure) return forward(departure, "--departure");
-  const auto step = parse_duration(options.step);
-  if (!step) return forward(step, "--step");
-  const auto kernels = open_kernels(options.kernels);
-  if (!kernels) return forward(kernels);
-
-  transfer::BallisticSettings settings;
-  settings.miss_distance_m = options.miss_km * 1e3;
-  settings.coast_in = Duration::days(options.coast_in_days);
-  settings.coast_out = Duration::days(options.coast_out_days);
-  auto design =
-      transfer::design_ballistic((*kernels)->ephemeris, *from, *to, *departure, Duration::days(options.days), settings);
-  if (!design) return forward(design);
-  if (!options.out.empty()) {
-    auto oem = trajectory::to_oem(*trajectory::from_arc(design->arc), design->begin, design->end, *step);
-    if (!oem) return forward(oem, "--step");
-    oem->object_name = fmt::format("{} to {}", title(*from), title(*to));
-    const auto written = write_oem(options.out, std::move(*oem));
-    if (!written) return forward(written);
-  }
-
-  const double v_departure = design->v_infinity_departure_m_s.norm() * 1e-3;
-  const double v_arrival = design->v_infinity_arrival_m_s.norm() * 1e-3;
-  const auto tdb = [](Epoch e) { return e.iso(TimeScale::tdb, 3, false); };
-  if (options.json) {
-    fmt::print("{}\n", Json{{"from", title(*from)},
-                            {"to", title(*to)},
-                            {"departure_tdb", tdb(design->departure)},
-                            {"arrival_tdb", tdb(design->arrival)},
-                            {"duration_days", options.days},
-                            {"c3_km2_s2", design->c3_m2_s2 * 1e-6},
-                            {"v_infinity_departure_km_s", v_departure},
-                            {"v_infinity_arrival_km_s", v_arrival},
-                            {"closest_approach_km", design->closest_approach_m * 1e-3},
-                            {"miss_distance_km", design->miss_distance_m * 1e-3},
-                            {"aim_error_km", design->aim_error_m * 1e-3},
-                            {"iterations", design->iterations},
-                            {"begin_tdb", tdb(design->begin)},
-                            {"end_tdb", tdb(design->end)},
-                            {"position_km", xyz(design->initial.p_m, 1e3)},
-                            {"velocity_km_s", xyz(design->initial.v_m_s, 1e3)},
-                            {"out", options.out.empty() ? Json(nullptr) : Json(options.out)}}
-                           .dump());
-    return 0;
-  }
-  const Vec3 p = design->initial.p_m * 1e-3, v = design->initial.v_m_s * 1e-3;
-  fmt::print("{} to {}, ballistic, {:.3f} days\n", title(*from), title(*to), options.days);
-  fmt::print("departure         {} TDB  v-infinity {:.4f} km/s, C3 {:.4f} km2/s2\n", tdb(design->departure),
-             v_departure, design->c3_m2_s2 * 1e-6);
-  fmt::print("arrival           {} TDB  v-infinity {:.4f} km/s, closest approach {:.0f} km\n", tdb(design->arrival),
-             v_arrival, design->closest_approach_m * 1e-3);
-  fmt::print("cruise            {} to {} TDB\n", tdb(design->begin), tdb(design->end));
-  fmt::print("at its beginning  {:.6f} {:.6f} {:.6f} km\n                  {:.9f} {:.9f} {:.9f} km/s\n", p.x(), p.y(),
-             p.z(), v.x(), v.y(), v.z());
-  fmt::print("(ICRF, barycentric; found in {} corrections, {:.3f} km from the aim point)\n", design->iterations,
-             design->aim_error_m * 1e-3);
-  if (!options.out.empty()) fmt::print("written to {}\n", options.out);
-  return 0;
-}
-
 }  // namespace
 
 void add_trajectory(CLI::App& app, Invocation& invocation) {
@@ -350,32 +260,9 @@ void add_trajectory(CLI::App& app, Invocation& invocation) {
   convert_app->add_flag("--json", convert->json, "one JSON object");
   convert_app->callback([convert, &invocation] { invocation.action = [convert] { return run_convert(*convert); }; });
 
-  auto design = std::make_shared<DesignOptions>();
-  CLI::App* design_app = sub->add_subcommand("design", "a ballistic transfer between two planets under all forces");
-  design_app->footer(
-      "Example:\n  astronav trajectory design --from earth --to mars --departure 2026-11-09 --days 300 --out "
-      "cruise.oem");
-  design_app->add_option("--from", design->from, "planet of departure")->capture_default_str();
-  design_app->add_option("--to", design->to, "planet of arrival")->capture_default_str();
-  design_app->add_option("--departure", design->departure, "ISO 8601 with scale (UTC if none)")->required();
-  design_app->add_option("--days", design->days, "from departure to arrival")
-      ->required()
-      ->check(number_within(1.0, 1e4));
-  design_app
-      ->add_option("--miss-km", design->miss_km,
-                   "aim point's distance from the planet (default: a fifth of its sphere of influence)")
-      ->check(number_within(0.0, 1e9));
-  design_app->add_option("--coast-in-days", design->coast_in_days, "from departure to where the cruise begins")
-      ->capture_default_str()
-      ->check(number_within(0.0, 1e4));
-  design_app->add_option("--coast-out-days", design->coast_out_days, "from where the cruise ends to arrival")
-      ->capture_default_str()
-      ->check(number_within(0.0, 1e4));
-  design_app->add_option("--out", design->out, "OEM of the cruise to write");
-  design_app->add_option("--step", design->step, "between its states")->capture_default_str();
-  design_app->add_option("--kernel", design->kernels, "SPK files in place of DE405; later ones take precedence");
-  design_app->add_flag("--json", design->json, "one JSON object");
-  design_app->callback([design, &invocation] { invocation.action = [design] { return run_design(*design); }; });
+  add_trajectory_design(*sub, invocation);
+  add_trajectory_low_thrust(*sub, invocation);
+  add_trajectory_porkchop(*sub, invocation);
 }
 
 }  // namespace astronav::cli

@@ -129,6 +129,8 @@ const std::vector<Hole> kHoles{
     {"trajectory convert @ new.oem", &kNoTrajectory},
     {"trajectory convert cruise.oem new.oem --step 1h --kernel @", &kNoKernel},
     {"trajectory design --departure 2026-11-09 --days 300 --kernel @", &kNoKernel},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --kernel @", &kNoKernel},
+    {"trajectory porkchop --departure 2026-08-15 --kernel @", &kNoKernel},
 };
 
 const std::vector<Bad> kBad{
@@ -353,6 +355,28 @@ const std::vector<Bad> kBad{
     {"trajectory design --departure 2026-11-09 --days 300 --out new.oem --step nan", "'nan' is not a duration"},
     {"trajectory design --departure 2026-11-09 --days 300 --out new.bsp", "SPK kernels are not written"},
     {"trajectory design --departure 2026-11-09 --days 300 --out nowhere/new.oem", "cannot be written"},
+    {"trajectory low-thrust --days 300", "--departure is required"},
+    {"trajectory low-thrust --departure nan --days 300", "--departure: 'nan' is not an epoch"},
+    {"trajectory low-thrust --departure 2199-01-01 --days 300", "the kernels do not reach"},
+    {"trajectory low-thrust --departure 2026-11-09 --days nan", "--days: 'nan' is not a number"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --to marz", "there is no body 'marz'"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --to earth", "from one planet to another"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --thrust-mn 0", "--thrust-mn: '0' is not a number"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --mass-kg -1", "--mass-kg: '-1' is not a number"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --thrust-mn 0.1", "the thrust does not suffice"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --step nan", "'nan' is not a duration"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --out nowhere/new.oem", "cannot be written"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --plan nowhere/new.csv", "cannot be written"},
+    {"trajectory low-thrust --departure 2026-11-09 --days 300 --out same --plan same", "--plan"},
+    {"trajectory porkchop", "--departure is required"},
+    {"trajectory porkchop --departure nan", "--departure: 'nan' is not an epoch"},
+    {"trajectory porkchop --departure 2199-01-01", "the kernels do not reach"},
+    {"trajectory porkchop --departure 2026-08-15 --from marz", "there is no body 'marz'"},
+    {"trajectory porkchop --departure 2026-08-15 --flight-days 300 200", "is shorter than the shortest"},
+    {"trajectory porkchop --departure 2026-08-15 --step-days 0", "--step-days: '0' is not a number"},
+    {"trajectory porkchop --departure 2026-08-15 --window-days 90000 --step-days 0.01", "are more than"},
+    {"trajectory porkchop --departure 2026-08-15 --csv nowhere/x.csv", "cannot be written"},
+    {"trajectory porkchop --departure 2026-08-15 --svg nowhere/x.svg", "cannot be written"},
 };
 
 // Observers of parse_observer, by the way of render.

@@ -92,13 +92,29 @@ void contour(Buffer out, const Field& f, double level, const char* style) {
   fmt::format_to(out, "\"/>\n");
 }
 
-// The level's number, in the row nearest to the cheapest leg where the line first crosses it on the way to the right.
-void label(Buffer out, const Field& f, std::size_t column, std::size_t row, double level, const char* text_style) {
-  for (std::size_t i = column; i + 1 < f.columns; ++i) {
-    const double a = f.at(i, row) - level, b = f.at(i + 1, row) - level;
+struct Cell {
+  std::size_t column = 0, row = 0;
+};
+
+// The level's number, where the line is first crossed on the way from one cell straight to another.
+void label(Buffer out, const Field& f, Cell from, Cell to, double level, const char* text_style) {
+  const auto steps = static_cast<int>(std::max(std::max(from.column, to.column) - std::min(from.column, to.column),
+                                               std::max(from.row, to.row) - std::min(from.row, to.row)));
+  const auto on_way = [steps](std::size_t a, std::size_t b, double step) {
+    return static_cast<double>(a) + (static_cast<double>(b) - static_cast<double>(a)) * step / steps;
+  };
+  const auto value = [&](int step) {
+    return f.at(static_cast<std::size_t>(std::lround(on_way(from.column, to.column, step))),
+                static_cast<std::size_t>(std::lround(on_way(from.row, to.row, step)))) -
+           level;
+  };
+  for (int i = 0; i < steps; ++i) {
+    const double a = value(i), b = value(i + 1);
     if (std::isnan(a) || std::isnan(b) || (a < 0.0) == (b < 0.0)) continue;
+    const double step = i + a / (a - b);
     fmt::format_to(out, "<text x=\"{:.1f}\" y=\"{:.1f}\" {}>{:g}</text>\n",
-                   x_of(f, static_cast<double>(i) + a / (a - b)), y_of(f, static_cast<double>(row)), text_style, level);
+                   x_of(f, on_way(from.column, to.column, step)), y_of(f, on_way(from.row, to.row, step)) + 4.0,
+                   text_style, level);
     return;
   }
 }
@@ -155,21 +171,23 @@ std::string to_svg(const Porkchop& p, const std::string& title) {
   }
   fmt::format_to(out, "</g>\n");
 
-  std::size_t best_column = 0, best_row = 0;
+  Cell best;
   for (std::size_t i = 0; i < c3.values.size(); ++i) {
-    if (c3.values[i] == least) best_column = i / c3.rows, best_row = i % c3.rows;
+    if (c3.values[i] == least) best = {i / c3.rows, i % c3.rows};
   }
+  // Numbers of C3 to the left of the cheapest leg, those of the arrival above and below it: there the lines lie apart.
+  const Cell left{0, best.row}, top{best.column, c3.rows - 1}, bottom{best.column, 0};
   for (const double factor : {1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 8.0}) {
     const double level = std::round(10.0 * factor * least) / 10.0;
     contour(out, c3, level, "fill=\"none\" stroke=\"black\" stroke-width=\"1\"");
-    label(out, c3, best_column, best_row, level, "stroke=\"white\" stroke-width=\"3\" paint-order=\"stroke\"");
+    label(out, c3, best, left, level, "stroke=\"white\" stroke-width=\"3\" paint-order=\"stroke\"");
   }
   for (const double level : {2.5, 3.0, 4.0, 5.0, 7.0, 10.0}) {
     contour(out, arrival, level, "fill=\"none\" stroke=\"crimson\" stroke-width=\"1.3\" stroke-dasharray=\"5 3\"");
-    label(out, arrival, best_column, best_row, level,
+    label(out, arrival, top, bottom, level,
           "fill=\"crimson\" stroke=\"white\" stroke-width=\"3\" paint-order=\"stroke\"");
   }
-  const double x = x_of(c3, static_cast<double>(best_column)), y = y_of(c3, static_cast<double>(best_row));
+  const double x = x_of(c3, static_cast<double>(best.column)), y = y_of(c3, static_cast<double>(best.row));
   fmt::format_to(out, "<path stroke=\"white\" stroke-width=\"2\" d=\"M{:.1f} {:.1f}h12m-6 -6v12\"/>\n", x - 6.0, y);
   axes(out, p, c3);
   fmt::format_to(

@@ -86,9 +86,7 @@ Result<Steering> steer(const std::vector<Control>& controls, const Vec6& goal, d
     }
   }
   if (!(now.gradient.norm() <= 1e3 * kTolerance)) {
-    return fail(ErrorCode::not_converged,
-                "the thrust does not suffice for this transfer (what cannot be reached: {0} of the unit of the design)",
-                {now.gradient.norm()});
+    return fail(ErrorCode::not_converged, "the thrust does not suffice for this transfer");
   }
   Steering out;
   out.costate = lambda;
