@@ -58,6 +58,18 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
   return prediction;
 }
 
+Result<void> Navigator::prepare_window(BodyId beacon, Epoch epoch) {
+  if (settings_.exposure == nullptr || eyes_ == nullptr || !settings_.brightness) return {};
+  if (const auto ok = filter_.propagate_to(epoch); !ok) return ok;
+  const auto planet = predict(beacon, epoch);
+  if (!planet) return forward(planet);
+  if (!(planet->expected_flux_dn > 0.0)) return {};
+  const double dn_s = (planet->expected_flux_dn + planet->companion_flux_dn) / settings_.brightness->exposure_s;
+  settings_.brightness->exposure_s =
+      settings_.exposure->choose(planet->direction_N, dn_s, eyes_->psf_in_the_middle()).exposure_s;
+  return {};
+}
+
 // The Earth's spot holds the Moon's light wherever both are a few pixels apart.
 void Navigator::add_moon(vision::PlanetPrediction& prediction, Epoch emitted) const {
   const auto from_sun = ephemeris_->state(body::moon, body::sun, emitted);

@@ -21,6 +21,7 @@
 #include "models/photometry/photometry.h"
 #include "onboard/navigation/beacons.h"
 #include "onboard/navigation/filter.h"
+#include "onboard/vision/exposure.h"
 #include "onboard/vision/vision.h"
 
 namespace astronav::executive {
@@ -36,6 +37,8 @@ struct NavigatorSettings {
   navigation::FilterSettings filter;
   navigation::BeaconSettings beacons;
   std::optional<BrightnessSettings> brightness;  // without it planets are told from stars by place alone
+  // Asked before each window; nullptr: always the exposure of `brightness`. Must outlive the navigator.
+  const vision::ExposureControl* exposure = nullptr;
 };
 
 // What became of one frame.
@@ -57,6 +60,10 @@ class Navigator {
 
   // The beacons for a cycle, from where the spacecraft believes it is at the filter's epoch.
   Result<navigation::BeaconSelection> select() const;
+  // Before the first image of a window: how long to expose (exposure_s), from what the beacon and the stars around it
+  // will look like.
+  Result<void> prepare_window(BodyId beacon, Epoch epoch);
+  double exposure_s() const { return settings_.brightness ? settings_.brightness->exposure_s : 0.0; }
   // Apparent direction (N) to point the camera at; the filter is taken to the epoch.
   Result<Vec3> aim(BodyId body, Epoch epoch);
 

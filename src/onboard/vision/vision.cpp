@@ -17,6 +17,8 @@ bool as_bright(const Centroid& spot, const PlanetPrediction& prediction) {
 }
 
 constexpr double kSteadyPx = 0.1;  // no spot is asked to be steadier
+// Half of what the light of a star, and of a saturated planet with its halo, covers.
+constexpr double kStarReachPx = 9.0, kPlanetReachPx = 24.0;
 
 IdentifySettings with_psf(IdentifySettings settings, const SensorModel& sensor) {
   settings.psf_sigma_px = sensor.psf_sigma_px;
@@ -29,15 +31,72 @@ Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const S
                const StarField& field, const PairIndex& index)
     : settings_(settings),
       psf_sigma_px_(sensor.psf_sigma_px),
+      camera_(camera),
+      middle_{0.5 * (camera.width_px - 1), 0.5 * (camera.height_px - 1)},
       finder_(settings.centroids, sensor, camera.width_px, camera.height_px),
       identifier_(field, index, camera, with_psf(settings.identify, sensor),
                   static_cast<std::size_t>(settings.centroids.max_centroids)),
+      attention_(camera.width_px, camera.height_px),
       memory_(settings.max_planets) {
   const auto spots = static_cast<std::size_t>(settings.centroids.max_centroids);
   centroids_.resize(spots);
   stars_.resize(spots);
   is_star_.resize(spots);
   planets_.resize(settings.max_planets);
+  guides_.resize(settings.guide_stars);
+}
+
+void Vision::attend_stars(const Mat3& R_CN, std::size_t most, double reach_px) {
+  const std::size_t stars = identifier_.place(R_CN, std::span<Pixel>(guides_.data(), std::min(most, guides_.size())));
+  for (std::size_t i = 0; i < stars; ++i) attention_.add(guides_[i], reach_px + kStarReachPx);
+}
+
+void Vision::attend_planets(const AttitudeSolution& attitude, std::span<const PlanetPrediction> predictions) {
+  for (const PlanetPrediction& prediction : predictions) {
+    const Result<PredictedPixel> planet = predict_pixel(prediction, attitude);
+    if (!planet) continue;
+    const double gate_px = std::sqrt(settings_.planets.gate_d2 * planet->covariance_px2.trace());
+    attention_.add(planet->pixel, gate_px + kPlanetReachPx);
+  }
+}
+
+// At first a glance at some stars, then a look at all guides and planets where these say they are.
+Result<Identification> Vision::identify_within(ImageView<const std::uint16_t> frame, const Observer& observer,
+                                               const Mat3& prior_R_CN, std::span<const PlanetPrediction> predictions) {
+  const auto fail_within = [] { return fail(ErrorCode::no_match, "the whole frame must be looked at"); };
+  identifier_.gather(observer, prior_R_CN, guides_.size());
+  attention_.clear();
+  attend_stars(prior_R_CN, settings_.first_guides, settings_.prior_radius_px);
+  const auto some = finder_.glance(frame, attention_, centroids_, result_.level);
+  if (!some) return fail_within();
+  const auto rough = identifier_.track_within(std::span<const Centroid>(centroids_.data(), *some), attention_,
+                                              prior_R_CN, settings_.prior_radius_px, stars_);
+  if (!rough) return forward(rough);
+  attention_.clear();
+  attend_stars(rough->attitude.R_CN, guides_.size(), settings_.identify.match_px);
+  attend_planets(rough->attitude, predictions);
+  const auto spots = finder_.find_within(frame, attention_, result_.level, centroids_);
+  if (!spots) return fail_within();
+  centroided_ms_ = now_ms();
+  result_.centroids = std::span<const Centroid>(centroids_.data(), *spots);
+  auto known = identifier_.track_within(result_.centroids, attention_, rough->attitude.R_CN,
+                                        2.0 * settings_.identify.match_px, stars_);
+  if (!known) finder_.look_again();
+  return known;
+}
+
+Result<Identification> Vision::identify_whole(ImageView<const std::uint16_t> frame, const Observer& observer,
+                                              const std::optional<Mat3>& prior_R_CN) {
+  const std::size_t spots = finder_.find(frame, centroids_, &result_.level);
+  centroided_ms_ = now_ms();
+  result_.centroids = std::span<const Centroid>(centroids_.data(), spots);
+  if (prior_R_CN) {
+    result_.source = AttitudeSource::prior;
+    auto known = identifier_.track(result_.centroids, observer, *prior_R_CN, settings_.prior_radius_px, stars_);
+    if (known) return known;
+  }
+  result_.source = AttitudeSource::lost_in_space;
+  return identifier_.lost_in_space(result_.centroids, observer, stars_);
 }
 
 const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const Observer& observer,
@@ -46,18 +105,13 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   ASTRONAV_CHECK_OP(predictions.size(), <=, planets_.size());
   const double begin = now_ms();
   result_ = FrameResult{};
-  const std::size_t spots = finder_.find(frame, centroids_, &result_.level);
-  result_.centroids = std::span<const Centroid>(centroids_.data(), spots);
-  const double centroided = now_ms();
-
-  Result<Identification> known = fail(ErrorCode::no_match, "no prior attitude");
-  if (prior_R_CN)
-    known = identifier_.track(result_.centroids, observer, *prior_R_CN, settings_.prior_radius_px, stars_);
-  result_.source = AttitudeSource::prior;
-  if (!known) {
-    known = identifier_.lost_in_space(result_.centroids, observer, stars_);
-    result_.source = AttitudeSource::lost_in_space;
+  Result<Identification> known = fail(ErrorCode::no_match, "nothing is expected");
+  if (prior_R_CN && settings_.guide_stars > 0) {
+    result_.source = AttitudeSource::prior;
+    known = identify_within(frame, observer, *prior_R_CN, predictions);
+    result_.whole = !known;
   }
+  if (!known) known = identify_whole(frame, observer, prior_R_CN);
   if (known) {
     result_.attitude = known->attitude;
     result_.stars = std::span<const MatchedStar>(stars_.data(), known->matched);
@@ -70,6 +124,8 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   std::fill(is_star_.begin(), is_star_.end(), static_cast<unsigned char>(0));
   if (known) std::copy(identifier_.on_star().begin(), identifier_.on_star().end(), is_star_.begin());
   // Nor is a planet a hot pixel, a proton or a streak; a near one may well be wider than a point.
+  const std::size_t spots = result_.centroids.size();
+  const double area_px = result_.whole ? 0.0 : attention_.area_px();
   for (std::size_t i = 0; i < spots; ++i)
     if (centroids_[i].kind != SpotKind::point && centroids_[i].kind != SpotKind::extended) is_star_[i] = 1;
   for (std::size_t i = 0; i < predictions.size(); ++i) {
@@ -78,7 +134,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     if (!known) continue;
     if (predictions[i].companion_flux_dn > 0.0 && !part_from_companion(frame, predictions[i])) continue;
     planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
-                              std::span<const unsigned char>(is_star_.data(), spots), settings_.planets);
+                              std::span<const unsigned char>(is_star_.data(), spots), settings_.planets, area_px);
     if (planets_[i].found) planets_[i].found = stayed(planets_[i], observer.epoch);
     if (!planets_[i].found) continue;
     is_star_[planets_[i].centroid] = 1;
@@ -88,7 +144,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   }
   result_.planets = std::span<const PlanetMatch>(planets_.data(), predictions.size());
   const double done = now_ms();
-  result_.time_ms = {centroided - begin, identified - centroided, done - identified, done - begin};
+  result_.time_ms = {centroided_ms_ - begin, identified - centroided_ms_, done - identified, done - begin};
   return result_;
 }
 

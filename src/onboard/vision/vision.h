@@ -24,6 +24,10 @@ struct VisionSettings {
   IdentifySettings identify;
   PlanetSettings planets;
   double prior_radius_px = 15.0;  // how far off a prior attitude may put the stars
+  // With a prior attitude only the surroundings of so many of the brightest stars, and of the planets, are looked at;
+  // the whole frame where that does not convince. 0: always the whole frame.
+  std::size_t guide_stars = 60;
+  std::size_t first_guides = 12;  // looked for in the whole radius; where they are tells where the others must be
   std::size_t max_planets = 16;
 };
 
@@ -36,6 +40,7 @@ struct StageTimes {  // ms
 struct FrameResult {
   FrameLevel level;
   std::span<const Centroid> centroids;  // brightest first
+  bool whole = true;                    // false: only the surroundings of what was expected were looked at
   AttitudeSource source = AttitudeSource::none;
   AttitudeSolution attitude;  // valid where source != none
   std::span<const MatchedStar> stars;
@@ -55,7 +60,16 @@ class Vision {
                              const std::optional<Mat3>& prior_R_CN = {},
                              std::span<const PlanetPrediction> predictions = {});
 
+  // What was learned of the optics, for the middle of the field.
+  LocalPsf psf_in_the_middle() const { return finder_.psf().at(middle_); }
+
  private:
+  Result<Identification> identify_within(ImageView<const std::uint16_t> frame, const Observer& observer,
+                                         const Mat3& prior_R_CN, std::span<const PlanetPrediction> predictions);
+  Result<Identification> identify_whole(ImageView<const std::uint16_t> frame, const Observer& observer,
+                                        const std::optional<Mat3>& prior_R_CN);
+  void attend_stars(const Mat3& R_CN, std::size_t most, double reach_px);
+  void attend_planets(const AttitudeSolution& attitude, std::span<const PlanetPrediction> predictions);
   // What a disc, fitted as a point, adds to the error that repeats.
   double repeating_of_disc(const PlanetPrediction& prediction) const;
   bool stayed(const PlanetMatch& match, Epoch epoch);
@@ -64,8 +78,13 @@ class Vision {
 
   VisionSettings settings_;
   double psf_sigma_px_;
+  Intrinsics camera_;
+  Pixel middle_;
   CentroidFinder finder_;
   Identifier identifier_;
+  Attention attention_;
+  std::vector<Pixel> guides_;
+  double centroided_ms_ = 0.0;  // the clock when the spots were there
   PlanetMemory memory_;
   std::vector<Centroid> centroids_;
   std::vector<MatchedStar> stars_;

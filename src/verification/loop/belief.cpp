@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/belief.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <string>
 
 #include "foundation/math/statistics.h"
+#include "models/photometry/photometry.h"
 
 namespace astronav::loop {
 
@@ -59,6 +61,21 @@ vision::VisionSettings vision_settings(const scenario::Scenario& s) {
   settings.centroids.max_centroids = belief.max_spots;
   settings.identify.match_px = belief.match_radius_px;
   settings.planets.gate_d2 = chi_square_quantile(belief.planet_gate_probability, 2.0);
+  return settings;
+}
+
+vision::ExposureSettings exposure_settings(const scenario::Scenario& s, const Camera& camera) {
+  constexpr double kStarColour = 0.6;  // B - V
+  vision::ExposureSettings settings;
+  settings.longest_s = camera.exposure_s;
+  settings.shortest_s = camera.exposure_s / 64.0;
+  settings.images =
+      std::max(1, static_cast<int>(s.conops.tracking_min * 60.0 / std::max(1.0, s.conops.image_period_s)));
+  settings.threshold_sigma = s.onboard.vision.threshold_sigma;
+  const double gain = camera.detector.gain_e_dn;
+  settings.star_dn_s = BandPhotometry(camera).flux(0.0, kStarColour).electrons_per_s / gain;
+  settings.sky_dn_s =
+      (camera.detector.background_e_s_px + camera.detector.dark_current_e_s * dark_factor(camera.detector)) / gain;
   return settings;
 }
 

@@ -7,6 +7,7 @@
 #include "onboard/executive/timeline.h"
 #include "onboard/navigation/beacons.h"
 #include "onboard/navigation/filter.h"
+#include "onboard/vision/exposure.h"
 #include "onboard/vision/vision.h"
 #include "verification/loop/mission.h"
 #include "verification/scenario/scenario.h"
@@ -20,6 +21,7 @@ inline constexpr double kBelievedMassKg = 25.0;
 Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& scenario, const Camera& camera,
                                                    Level level);
 vision::VisionSettings vision_settings(const scenario::Scenario& scenario);
+vision::ExposureSettings exposure_settings(const scenario::Scenario& scenario, const Camera& camera);
 navigation::BeaconSettings beacon_settings(const scenario::Scenario& scenario, const Camera& camera);
 Result<executive::CycleSettings> cycle_settings(const scenario::Scenario& scenario);
 

@@ -61,6 +61,10 @@ Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& w
   eyes->index_ = *index;
   eyes->vision_ = std::make_unique<vision::Vision>(vision_settings(s), believed.intrinsics,
                                                    vision::SensorModel::from(believed), eyes->field_, eyes->index_);
+  if (belief.exposure == "chosen") {
+    eyes->exposure_ = std::make_unique<vision::ExposureControl>(
+        exposure_settings(s, believed), vision::SensorModel::from(believed), believed.intrinsics, eyes->field_);
+  }
   eyes->known_latency_s_ = 1e-3 * believed.detector.time_tag_latency_ms;
   eyes->frame_ = ImageU16(believed.intrinsics.width_px, believed.intrinsics.height_px);
   return eyes;
@@ -76,7 +80,7 @@ Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_
       world_.sky().look(event.epoch, truth_O, boresight_N, camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree,
                         world_.band(), world_.sky_settings());
   if (!sky) return forward(sky);
-  render::Exposure exposure{.duration_s = camera.exposure_s};
+  render::Exposure exposure{.duration_s = navigator.exposure_s()};
   exposure.sun_C_m = R_CN * world_.sky().sun_N_m(event.epoch, truth_O);
   sources_ = render::place_sources(*sky, camera, R_CN, exposure);
   world_.renderer().frame(sources_, exposure, noise, frame_);

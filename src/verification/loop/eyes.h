@@ -10,6 +10,7 @@
 #include "foundation/base/error.h"
 #include "foundation/math/random.h"
 #include "onboard/executive/navigator.h"
+#include "onboard/vision/exposure.h"
 #include "onboard/vision/vision.h"
 #include "verification/loop/records.h"
 #include "verification/loop/world.h"
@@ -26,6 +27,8 @@ class Eyes {
   Eyes& operator=(const Eyes&) = delete;
 
   vision::Vision& vision() { return *vision_; }
+  // nullptr: the exposure is fixed.
+  const vision::ExposureControl* exposure_control() const { return exposure_.get(); }
 
   // Takes the image of `event` (epoch and number are set), feeds it to the navigator and fills in what came of it.
   Result<void> photograph(Event& event, const State& truth_O, const Mat3& R_CN, BodyId beacon, const StreamId& noise,
@@ -42,6 +45,7 @@ class Eyes {
   std::vector<std::byte> index_bytes_;
   vision::PairIndex index_;
   std::unique_ptr<vision::Vision> vision_;
+  std::unique_ptr<vision::ExposureControl> exposure_;
   std::vector<render::RenderedSource> sources_;
   ImageU16 frame_;
   double known_latency_s_ = 0.0;  // of the frames' time tags

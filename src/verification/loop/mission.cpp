@@ -94,7 +94,8 @@ Result<Records> Flight::fly() {
   const executive::NavigatorSettings settings{
       *filter, beacon_settings(scenario_, believed_camera_),
       executive::BrightnessSettings{BandPhotometry(believed_camera_), believed_camera_.exposure_s,
-                                    believed_camera_.detector.gain_e_dn}};
+                                    believed_camera_.detector.gain_e_dn},
+      eyes_ ? eyes_->exposure_control() : nullptr};
   navigator_ = std::make_unique<executive::Navigator>(settings, world_.ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
   if (const auto ok = start(begin); !ok) return forward(ok);
   for (int c = 0; c < timeline_->cycles(); ++c) {
@@ -175,6 +176,7 @@ Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
                        .image = static_cast<std::uint64_t>(2 * cycle + window),
                        .purpose = "roll of a window"});
   const double roll = stream.uniform(0.0, 2.0 * kPi);
+  if (const auto ok = navigator_->prepare_window(beacon, timeline_->image_epoch(cycle, window, 0)); !ok) return ok;
   for (int k = 0; k < timeline_->images_per_window(); ++k) {
     progress(*timeline_, cycle, window, k, beacon);
     if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon, roll); !ok)

@@ -90,6 +90,7 @@ const std::array kKeys{
     SWITCH(onboard.filter.photocentre, "centre of light of a Lambert sphere in the measurement model; false: centre of figure"),
     TEXT(onboard.filter.bodies, "whose gravity the filter models beside the Sun's"),
 
+    CHOICE(onboard.vision.exposure, "fixed chosen", "fixed: the camera's own exposure; chosen: by the onboard software for each window, up to the camera's own"),
     CHOICE(onboard.vision.centroid_method, "moment psf_fit", "how the centre of a spot is found"),
     NUMBER(onboard.vision.threshold_sigma, "", 1.0, 1000.0, "detection threshold above the background, in sigmas of the background"),
     NUMBER(onboard.vision.star_max_v_mag, "mag", 2.0, 12.0, "faintest star (V) in the onboard catalogue"),

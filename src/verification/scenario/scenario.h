@@ -109,6 +109,7 @@ struct OnboardFilter {
 };
 
 struct OnboardVision {
+  std::string exposure = "fixed";           // "fixed" or "chosen"
   std::string centroid_method = "psf_fit";  // "moment" or "psf_fit"
   double threshold_sigma = 6.0;
   double star_max_v_mag = 7.0;
