@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,10 +14,11 @@
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/inputs.h"
+#include "cli/near_stars.h"
 #include "cli/outputs.h"
+#include "cli/picture_header.h"
 #include "cli/validators.h"
 #include "cli/wcs.h"
-#include "foundation/files/mapped_file.h"
 #include "foundation/raster/raster.h"
 #include "models/camera_file/camera_file.h"
 #include "verification/opensky/compare.h"
@@ -55,115 +54,11 @@ Camera unknown_camera() {
   return camera;
 }
 
-std::optional<double> number_in(const Picture& picture, const std::string& key) {
-  const auto at = picture.header.find(key);
-  if (at == picture.header.end()) return {};
-  const auto numbers = parse_numbers(at->second, 1, 1, key);
-  return numbers ? std::optional(numbers->front()) : std::nullopt;
-}
-
-// New Horizons writes the middle of the exposure and the way to the Sun into its headers. Nothing where the header
-// says neither.
-std::optional<Epoch> header_epoch(const Picture& picture) {
-  if (const auto tdb = number_in(picture, "SPCSCET")) return Epoch::tdb_seconds(*tdb);
-  for (const char* key : {"DATE-AVG", "DATE-OBS"}) {
-    const auto at = picture.header.find(key);
-    if (at == picture.header.end()) continue;
-    const auto epoch = Epoch::parse(at->second);
-    if (epoch) return *epoch;
-  }
-  return {};
-}
-Result<std::optional<State>> header_observer(const Picture& picture, const Kernels& kernels, Epoch epoch) {
-  Vec3 p, v;
-  for (int axis = 0; axis < 3; ++axis) {
-    const std::string letter(1, static_cast<char>('X' + axis));
-    const auto to_sun = number_in(picture, "SPCSSC" + letter), rate = number_in(picture, "SPCSSCV" + letter);
-    if (!to_sun || !rate) return std::optional<State>{};
-    p[axis] = -1e3 * *to_sun;
-    v[axis] = -1e3 * *rate;
-  }
-  auto sun = kernels.ephemeris.state(body::sun, body::solar_system_barycenter, epoch);
-  if (!sun) return forward(sun);
-  sun->p_m += p;
-  sun->v_m_s += v;
-  return std::optional<State>(*sun);
-}
-
-// name, epoch_jyear, ra_deg, dec_deg, parallax_mas, pm_ra_cosdec_mas_yr, pm_dec_mas_yr; v_mag, b_v and v_i where known.
 Result<std::vector<opensky::NamedStar>> read_targets(const std::string& path) {
-  const auto file = MappedFile::open(path);
-  if (!file) return forward(file);
-  const auto cells_of = [](const std::string& line) {
-    std::vector<std::string> cells(1);
-    for (const char c : line) {
-      if (c == ',')
-        cells.emplace_back();
-      else if (c != '\r')
-        cells.back() += c;
-    }
-    return cells;
-  };
-  std::vector<std::string> lines(1);
-  for (const char c : file->text()) {
-    if (c == '\n')
-      lines.emplace_back();
-    else
-      lines.back() += c;
-  }
-  const std::vector<std::string> titles = cells_of(lines.front());
-  const char* needed[] = {"epoch_jyear", "ra_deg", "dec_deg", "parallax_mas", "pm_ra_cosdec_mas_yr", "pm_dec_mas_yr"};
-  for (const char* title : needed) {
-    if (std::find(titles.begin(), titles.end(), title) == titles.end())
-      return fail(ErrorCode::invalid_argument, "no list of stars: its first line names no column '{s}'", {}, path,
-                  title);
-  }
+  const auto listed = read_near_stars(path);
+  if (!listed) return forward(listed);
   std::vector<opensky::NamedStar> stars;
-  for (std::size_t n = 1; n < lines.size(); ++n) {
-    if (lines[n].find_first_not_of(" \r") == std::string::npos) continue;
-    const std::vector<std::string> cells = cells_of(lines[n]);
-    const std::string where = fmt::format("{}:{}", path, n + 1);
-    const auto cell = [&](std::string_view title) -> std::string {
-      const auto at = std::find(titles.begin(), titles.end(), title);
-      const auto column = static_cast<std::size_t>(at - titles.begin());
-      return column < cells.size() ? cells[column] : std::string();
-    };
-    const auto number = [&](std::string_view title) -> Result<double> {
-      const auto value = parse_numbers(cell(title), 1, 1, title);
-      if (!value) return forward(value, where);
-      return value->front();
-    };
-    double values[6];
-    for (int k = 0; k < 6; ++k) {
-      const auto value = number(needed[k]);
-      if (!value) return forward(value);
-      values[k] = *value;
-    }
-    if (!(std::abs(values[2]) <= 90.0 && std::abs(values[0] - 2000.0) < 1000.0))
-      return fail(ErrorCode::invalid_argument, "no such place or epoch: dec_deg {0}, epoch_jyear {1}",
-                  {values[2], values[0]}, where);
-    const auto optional = [&](std::string_view title, double otherwise) {
-      const auto value = number(title);
-      return value ? *value : otherwise;
-    };
-    opensky::NamedStar named;
-    named.name = cell("name");
-    // Uniform motion in space, from the list's epoch to J2000; radial velocity counts for nothing over decades.
-    const Vec3 place = direction_from_radec(values[1] * kDegree, values[2] * kDegree);
-    const EastNorth then = east_north(place);
-    const Vec3 motion = (values[4] * then.east + values[5] * then.north) * kMilliarcsecond;
-    const Vec3 moved = place + motion * (2000.0 - values[0]);
-    Star& star = named.star;
-    star.direction_N = moved.normalized();
-    const EastNorth axes = east_north(star.direction_N);
-    star.pm_ra_cosdec_rad_yr = motion.dot(axes.east) / moved.norm();
-    star.pm_dec_rad_yr = motion.dot(axes.north) / moved.norm();
-    star.parallax_rad = values[3] * kMilliarcsecond;
-    star.v_mag = static_cast<float>(optional("v_mag", 10.0));
-    star.b_v = static_cast<float>(optional("b_v", kUnknownColour));
-    named.v_i = optional("v_i", kUnknownColour);
-    stars.push_back(std::move(named));
-  }
+  for (const ListedStar& star : *listed) stars.push_back({star.name, star.star, star.v_i});
   return stars;
 }
 
@@ -247,12 +142,12 @@ Result<Asked> read_request(const Options& options) {
     request.observer = *state;
     request.observer_known = true;
   } else if (epoch) {
-    const auto state = header_observer(asked.picture, *asked.kernels, *epoch);
+    const auto state = header_observer(asked.picture, asked.kernels->ephemeris, *epoch);
     if (!state) return forward(state, options.image);
     if (*state) request.observer = **state;
     request.observer_known = state->has_value();
   }
-  if (const auto exposure = number_in(asked.picture, "EXPTIME")) request.exposure_s = *exposure;
+  if (const auto exposure = header_number(asked.picture, "EXPTIME")) request.exposure_s = *exposure;
   if (!(request.exposure_s > 0.0))
     return fail(ErrorCode::corrupt_data, "an exposure of {0} s", {request.exposure_s}, options.image);
 
@@ -291,7 +186,7 @@ Json windows_json(const opensky::WindowFigures& w) {
 // colour term.
 std::optional<double> header_magnitude(const Picture& picture, const opensky::Comparison& c,
                                        const opensky::ComparedStar& star) {
-  const auto zero = number_in(picture, "PHOTZPT");
+  const auto zero = header_number(picture, "PHOTZPT");
   if (!zero || !(star.measured_e > 0.0)) return {};
   return *zero - 2.5 * std::log10(star.measured_e * star.aperture_share / c.gain_e_dn / c.exposure_s);
 }
