@@ -16,7 +16,7 @@ FOUNDATION_FLIGHT = [F + n for n in ("base", "math", "time", "image")]
 MODELS = [M + n for n in ("ephemeris", "aberration", "stars", "photometry", "camera", "camera_file", "oem")]
 MODELS_FLIGHT = [M + n for n in ("ephemeris", "aberration", "stars", "photometry", "camera")]
 SIMULATOR = ["simulator/" + n for n in ("sky", "render", "dynamics", "trajectory", "transfer")]
-ONBOARD = ["onboard/" + n for n in ("vision", "navigation", "executive")]
+ONBOARD = ["onboard/" + n for n in ("vision", "navigation", "attitude", "executive")]
 VERIFICATION = ["verification/" + n for n in ("scenario", "loop", "campaign", "opensky", "report")]
 
 MAY_INCLUDE = {
@@ -42,8 +42,9 @@ MAY_INCLUDE = {
     "simulator/server": FOUNDATION + MODELS + ["simulator/sky", "simulator/render"],
     # A measurement is a plain struct: navigation knows nothing of images.
     "onboard/navigation": [f for f in FOUNDATION_FLIGHT if f != F + "image"] + MODELS_FLIGHT,
+    "onboard/attitude": [F + "base", F + "math", F + "time"],
     "onboard/vision": FOUNDATION_FLIGHT + MODELS_FLIGHT,
-    "onboard/executive": FOUNDATION_FLIGHT + MODELS_FLIGHT + ["onboard/vision", "onboard/navigation"],
+    "onboard/executive": FOUNDATION_FLIGHT + MODELS_FLIGHT + ["onboard/vision", "onboard/navigation", "onboard/attitude"],
     "verification/scenario": FOUNDATION + MODELS,
     "verification/loop": FOUNDATION + MODELS + SIMULATOR + ONBOARD + ["verification/scenario"],
     "verification/campaign": FOUNDATION + MODELS + SIMULATOR + ONBOARD + ["verification/scenario", "verification/loop"],
