@@ -262,6 +262,7 @@ void add_trajectory(CLI::App& app, Invocation& invocation) {
 
   add_trajectory_design(*sub, invocation);
   add_trajectory_low_thrust(*sub, invocation);
+  add_trajectory_fly(*sub, invocation);
   add_trajectory_porkchop(*sub, invocation);
 }
 
