@@ -106,8 +106,8 @@ TEST_F(FlownArc, Dawn) {
 }
 
 // Its ion engine, from a plan of two arcs (scenarios/dawn-thrust.csv, made of this kernel): ten days of thrust, in
-// which it moves Dawn by 27,000 km. Not fitted: the plan's constant forces are right to some 1e-4, and kicks are not in
-// it.
+// which it moves Dawn by 28,600 km. Nothing is fitted here; the plan's forces are constant and right to a thousandth,
+// and kicks are not in it. 16 km were measured.
 TEST_F(FlownArc, DawnUnderThrust) {
   const auto kernel = ASTRONAV_SHARED_DATA("trajectories/dawn_rec_081022_081109_090218_v1.bsp");
   open(kernel);
