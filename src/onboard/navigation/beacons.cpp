@@ -41,7 +41,35 @@ bool observe(const Ephemeris& ephemeris, const State& observer, const State& sun
   return true;
 }
 
+// One sight of a beacon: what stands across it is measured.
+Mat6 after_sight(const Mat6& P, const BeaconCandidate& beacon) {
+  Eigen::Matrix<double, 2, 6> H = Eigen::Matrix<double, 2, 6>::Zero();
+  const Vec3 across = beacon.direction_N.unitOrthogonal();
+  H.block<1, 3>(0, 0) = across.transpose();
+  H.block<1, 3>(1, 0) = beacon.direction_N.cross(across).transpose();
+  const Mat2 R = Mat2::Identity() * beacon.sigma_across_m * beacon.sigma_across_m;
+  const Eigen::Matrix<double, 6, 2> gain = P * H.transpose() * Mat2(H * P * H.transpose() + R).inverse();
+  Mat6 keep = Mat6::Identity();
+  keep -= gain * H;
+  return keep * P * keep.transpose() + gain * R * gain.transpose();
+}
+
 }  // namespace
+
+double slew_time_s(const Agility& agility, double angle_rad) {
+  const double rate = agility.max_rate_rad_s, acceleration = agility.max_acceleration_rad_s2;
+  const bool reaches_rate = angle_rad > rate * rate / acceleration;
+  return agility.settle_s +
+         (reaches_rate ? angle_rad / rate + rate / acceleration : 2.0 * std::sqrt(angle_rad / acceleration));
+}
+
+double filter_merit_m(const Mat6& covariance, const BeaconCandidate& first, const BeaconCandidate& second,
+                      double gap_s) {
+  Mat6 phi = Mat6::Identity();
+  phi.topRightCorner<3, 3>() = gap_s * Mat3::Identity();
+  const Mat6 P = after_sight(phi * after_sight(covariance, first) * phi.transpose(), second);
+  return std::sqrt(P.diagonal().head<3>().sum());
+}
 
 const char* name(BeaconVerdict verdict) {
   switch (verdict) {
@@ -69,7 +97,9 @@ const BeaconCandidate* BeaconSelection::best_single() const& {
 }
 
 Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& observer, Epoch epoch,
-                                       const BeaconSettings& settings) {
+                                       const BeaconSettings& settings, const Mat6* covariance) {
+  if (settings.mode == BeaconMode::filter_merit && covariance == nullptr)
+    return fail(ErrorCode::invalid_argument, "beacons by the filter's merit need its covariance");
   const Result<State> sun = ephemeris.state(body::sun, body::solar_system_barycenter, epoch);
   if (!sun) return forward(sun);
 
@@ -123,12 +153,20 @@ Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& 
       const double w2 = 1.0 / (b->sigma_across_m * b->sigma_across_m);
       const double sine2 = a->direction_N.cross(b->direction_N).squaredNorm();
       if (!(sine2 > 1e-12)) continue;
-      selection.ranked[selection.pair_count++] = {a->body, b->body, angle_between(a->direction_N, b->direction_N),
-                                                  std::sqrt(1.0 / (w1 + w2) + (w1 + w2) / (w1 * w2 * sine2))};
+      BeaconPair pair{a->body, b->body, angle_between(a->direction_N, b->direction_N),
+                      std::sqrt(1.0 / (w1 + w2) + (w1 + w2) / (w1 * w2 * sine2))};
+      pair.slew_s = slew_time_s(settings.agility, pair.separation_rad);
+      if (pair.slew_s > settings.slew_s) continue;
+      if (covariance != nullptr)
+        pair.filter_merit_m = filter_merit_m(*covariance, *a, *b, settings.window_s + settings.slew_s);
+      selection.ranked[selection.pair_count++] = pair;
     }
   }
+  const auto merit = [&](const BeaconPair& pair) {
+    return settings.mode == BeaconMode::filter_merit ? pair.filter_merit_m : pair.figure_of_merit_m;
+  };
   std::sort(selection.ranked.begin(), selection.ranked.begin() + selection.pair_count,
-            [](const BeaconPair& a, const BeaconPair& b) { return a.figure_of_merit_m < b.figure_of_merit_m; });
+            [&](const BeaconPair& a, const BeaconPair& b) { return merit(a) < merit(b); });
   return selection;
 }
 

@@ -3,7 +3,9 @@
 //
 // Two sights i with weight w_i = 1/((d_i s_i)^2 + e_i^2) and separation gamma fix a position with
 //   tr P = 1/(w1 + w2) + (w1 + w2)/(w1 w2 sin^2 gamma)                       (docs/theory/navigation.md eq. 9)
-// The pair with the least tr P among the usable beacons is best. No heap.
+// The pair with the least tr P among the usable beacons is best; or, where the filter's covariance is given, the one
+// that leaves it the least trace of position after both updates (eq. 11). A turn from one to the other that takes
+// longer than there is time rules a pair out (eq. 10). No heap.
 #pragma once
 
 #include <array>
@@ -12,10 +14,24 @@
 #include "foundation/base/error.h"
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "onboard/navigation/state.h"
 
 namespace astronav::navigation {
 
 inline constexpr int kMaxBeacons = 8;
+
+// How fast the platform turns from rest to rest: speeding up, at most at the greatest rate, slowing down, settling.
+struct Agility {
+  double max_rate_rad_s = 0.5 * kDegree;
+  double max_acceleration_rad_s2 = 0.02 * kDegree;
+  double settle_s = 60.0;  // until the pointing is quiet enough for images
+};
+double slew_time_s(const Agility& agility, double angle_rad);
+
+enum class BeaconMode : unsigned char {
+  static_merit,  // the position that the two sights would give alone
+  filter_merit,  // the filter's position after both; needs its covariance
+};
 
 struct BeaconSettings {
   std::array<BodyId, kMaxBeacons> candidates{body::mercury, body::venus,  body::earth, body::mars,
@@ -28,6 +44,10 @@ struct BeaconSettings {
   double blend_magnitudes = 6.0;
   double sight_sigma_rad = 1.0 * kArcsecond;            // of a whole window's line of sight
   std::array<double, kMaxBeacons> ephemeris_sigma_m{};  // per axis, in the order of the candidates
+  BeaconMode mode = BeaconMode::static_merit;
+  Agility agility;
+  double slew_s = 1500.0;    // between the windows; a longer turn rules a pair out
+  double window_s = 3600.0;  // of one beacon
 };
 
 enum class BeaconVerdict : unsigned char { usable, sun_exclusion, too_faint, too_large, blended, no_ephemeris };
@@ -53,6 +73,8 @@ struct BeaconPair {
   BodyId first, second;  // the stronger one (larger w) first
   double separation_rad = 0.0;
   double figure_of_merit_m = 0.0;  // sqrt(tr P), 1 sigma
+  double filter_merit_m = 0.0;     // the same of the filter's position after both; 0 without its covariance
+  double slew_s = 0.0;             // from one to the other
 };
 
 struct BeaconSelection {
@@ -72,9 +94,15 @@ struct BeaconSelection {
   const BeaconCandidate* best_single() const&& = delete;
 };
 
-// `observer` is barycentric. Bodies that the ephemeris lacks get that verdict; out_of_range only where the Sun is
-// lacking.
+// What is left of the filter's covariance (m, m/s) after a sight of each beacon, the second `gap_s` later:
+// sqrt(tr P_rr). Free flight between; gravity and process noise do nothing in hours.
+double filter_merit_m(const Mat6& covariance, const BeaconCandidate& first, const BeaconCandidate& second,
+                      double gap_s);
+
+// `observer` is barycentric, `covariance` the filter's of position and velocity, where there is one; BeaconMode
+// filter_merit without it is invalid_argument. Bodies that the ephemeris lacks get that verdict; out_of_range only
+// where the Sun is lacking.
 Result<BeaconSelection> select_beacons(const Ephemeris& ephemeris, const State& observer, Epoch epoch,
-                                       const BeaconSettings& settings);
+                                       const BeaconSettings& settings, const Mat6* covariance = nullptr);
 
 }  // namespace astronav::navigation

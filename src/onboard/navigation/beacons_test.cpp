@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/navigation/beacons.h"
 
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
 #include <set>
 #include <string>
 
@@ -146,6 +149,78 @@ TEST_F(Beacons, WorseSunExclusionIsNeverBetter) {
 TEST_F(Beacons, WithoutTheSunThereIsNoAnswer) {
   EXPECT_EQ(select_beacons(kernel(), cruise()[0], Epoch::parse("2199-01-01 TDB").value(), settings).error().code,
             ErrorCode::out_of_range);
+}
+
+// The turn, integrated: speeding up, coasting, slowing down.
+TEST_F(Beacons, SlewTimeIsThatOfTheFastestTurn) {
+  const Agility agility{.max_rate_rad_s = 0.01, .max_acceleration_rad_s2 = 0.0005, .settle_s = 45.0};
+  for (const double angle : {0.01, 0.1, 0.2, 0.5, 2.0}) {
+    constexpr double kStep = 1e-3;
+    double turned = 0.0, rate = 0.0, t = 0.0;
+    for (; turned < angle && t < 1e3; t += kStep) {
+      // Slow down when what is left is the way that slowing down takes.
+      const bool brake = angle - turned <= 0.5 * rate * rate / agility.max_acceleration_rad_s2;
+      rate = brake ? std::max(rate - agility.max_acceleration_rad_s2 * kStep, 1e-6)
+                   : std::min(rate + agility.max_acceleration_rad_s2 * kStep, agility.max_rate_rad_s);
+      turned += rate * kStep;
+    }
+    EXPECT_NEAR(slew_time_s(agility, angle), t + agility.settle_s, 0.3) << angle;
+  }
+}
+
+TEST_F(Beacons, ATurnThatTakesTooLongRulesAPairOut) {
+  settings.agility = {.max_rate_rad_s = 0.05 * kDegree, .max_acceleration_rad_s2 = 0.01 * kDegree, .settle_s = 60.0};
+  int kept = 0, all = 0;
+  for (std::size_t i = 0; i < cruise().size(); ++i) {
+    const BeaconSelection slow = select(i, settings), any = select(i, {});
+    for (const BeaconPair& pair : slow.pairs()) EXPECT_LE(pair.slew_s, settings.slew_s);
+    for (const BeaconPair& pair : slow.pairs()) EXPECT_LE(pair.separation_rad, 72.0 * kDegree);
+    kept += slow.pair_count;
+    all += any.pair_count;
+  }
+  EXPECT_GT(kept, 0);
+  EXPECT_LT(kept, all);
+}
+
+// By information, in which sights simply add up, about the moment of the second.
+TEST_F(Beacons, FilterMeritIsTheTraceAfterBothUpdates) {
+  RandomStream random(StreamId{.seed = 9, .purpose = "covariance"});
+  Mat6 root;
+  for (int i = 0; i < 36; ++i) root(i / 6, i % 6) = random.normal();
+  Eigen::Matrix<double, 6, 1> scale;
+  scale << 1e6, 1e6, 1e6, 1.0, 1.0, 1.0;
+  const Mat6 P = scale.asDiagonal() * (root * root.transpose() + 0.1 * Mat6::Identity()) * scale.asDiagonal();
+  settings.mode = BeaconMode::filter_merit;
+  int differ = 0;
+  for (std::size_t i = 0; i < cruise().size(); ++i) {
+    const BeaconSelection s = select_beacons(kernel(), cruise()[i], epoch(i), settings, &P).value();
+    const auto candidate = [&](BodyId id) {
+      return *std::find_if(s.all.begin(), s.all.end(), [&](const BeaconCandidate& c) { return c.body == id; });
+    };
+    double last = 0.0;
+    for (const BeaconPair& pair : s.pairs()) {
+      const double gap = settings.window_s + settings.slew_s;
+      Mat6 back = Mat6::Identity();  // from the second moment to the first
+      back.topRightCorner<3, 3>() = -gap * Mat3::Identity();
+      const auto information = [](const BeaconCandidate& c) {
+        Mat6 out = Mat6::Zero();
+        out.topLeftCorner<3, 3>() =
+            (Mat3::Identity() - c.direction_N * c.direction_N.transpose()) / (c.sigma_across_m * c.sigma_across_m);
+        return out;
+      };
+      const Mat6 sum = back.transpose() * (P.inverse() + information(candidate(pair.first))) * back +
+                       information(candidate(pair.second));
+      const double trace = Mat6(sum.inverse()).diagonal().head<3>().sum();
+      EXPECT_NEAR(pair.filter_merit_m / std::sqrt(trace), 1.0, 1e-4);
+      EXPECT_GE(pair.filter_merit_m, last);
+      last = pair.filter_merit_m;
+    }
+    const BeaconSelection by_static = select(i, {});
+    if (s.pair_count > 0)
+      differ += s.ranked[0].first != by_static.ranked[0].first || s.ranked[0].second != by_static.ranked[0].second;
+  }
+  std::printf("  the filter's merit picks another pair in %d of %zu\n", differ, cruise().size());
+  EXPECT_EQ(select_beacons(kernel(), cruise()[0], epoch(0), settings).error().code, ErrorCode::invalid_argument);
 }
 
 }  // namespace
