@@ -11,13 +11,11 @@ namespace {
 
 using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;
 
-// Derivative of the pixel by the whole (non-dimensional) state.
-MeasurementMatrix by_state(const PixelPrediction& prediction) {
-  MeasurementMatrix h = MeasurementMatrix::Zero();
-  h.middleCols<3>(index::position) = prediction.by_position * unit::length_m;
-  h.middleCols<3>(index::velocity) = prediction.by_velocity * unit::velocity_m_s;
-  h.middleCols<4>(index::camera) = prediction.by_camera;
-  return h;
+Process::Photocentres photocentres(const FilterSettings& settings) {
+  Process::Photocentres out;
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = {settings.beacon_errors[i].photocentre_fraction, settings.photocentre_tau_s};
+  return out;
 }
 
 // Centroid and attitude: e + H_theta theta with E[e theta'] = C.
@@ -69,7 +67,7 @@ const char* name(UpdateReason reason) {
 Filter::Filter(const FilterSettings& settings, const Ephemeris& ephemeris)
     : settings_(settings),
       ephemeris_(&ephemeris),
-      process_(settings.process, ephemeris, settings.focal, settings.k1, settings.bias),
+      process_(settings.process, ephemeris, settings.focal, settings.k1, settings.bias, photocentres(settings)),
       // Quantile of chi-square with two degrees of freedom, in closed form.
       gate_(-2.0 * std::log1p(-std::min(settings.gate_probability, 1.0))) {}
 
@@ -82,7 +80,8 @@ Result<void> Filter::initialise(const InitialState& initial) {
 
   const StateVector scales = state_scales();
   StateVector x = StateVector::Zero();
-  x << initial.state.p_m, initial.state.v_m_s, initial.mass_kg, Eigen::Matrix<double, 10, 1>::Zero();
+  x << initial.state.p_m, initial.state.v_m_s, initial.mass_kg,
+      Eigen::Matrix<double, kStates - index::acceleration, 1>::Zero();
   StateMatrix P = StateMatrix::Zero();
   P.topLeftCorner<6, 6>() = initial.covariance;
   const auto variance = [&P](int state, double sigma) { P(state, state) = sigma * sigma; };
@@ -96,6 +95,9 @@ Result<void> Filter::initialise(const InitialState& initial) {
   variance(index::k1, settings_.k1.sigma);
   variance(index::bias, settings_.bias.sigma);
   variance(index::bias + 1, settings_.bias.sigma);
+  variance(index::solar_pressure, settings_.process.solar_pressure.sigma);
+  for (int i = 0; i < kBeaconBodies; ++i)
+    variance(index::photocentre + i, settings_.beacon_errors[static_cast<std::size_t>(i)].photocentre_fraction);
 
   const StateVector inverse = scales.cwiseInverse();
   const StateMatrix scaled = inverse.asDiagonal() * P * inverse.asDiagonal();
@@ -132,19 +134,31 @@ Result<void> Filter::propagate_to(Epoch epoch) {
   return {};
 }
 
-Result<PixelPrediction> Filter::predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
-                                        const Vec3& p_sun) const {
+Result<Filter::Prediction> Filter::predict(const StateVector& x, const BeaconMeasurement& measurement,
+                                           const State& body, const Vec3& p_sun) const {
   const State observer{x.segment<3>(index::position) * unit::length_m,
                        x.segment<3>(index::velocity) * unit::velocity_m_s};
-  const Sight sight = apparent_sight(observer, body, p_sun, mean_radius_m(measurement.body), settings_.sight);
-  return predict_pixel(sight, measurement.R_CN, settings_.camera, x.segment<4>(index::camera));
+  const int beacon = beacon_of(measurement.body);
+  const double light = beacon < 0 ? 1.0 : 1.0 + x[index::photocentre + beacon];
+  SightSettings settings = settings_.sight;
+  settings.centre_of_light_scale *= light;
+  const Sight sight = apparent_sight(observer, body, p_sun, mean_radius_m(measurement.body), settings);
+  const auto pixel = predict_pixel(sight, measurement.R_CN, settings_.camera, x.segment<4>(index::camera));
+  if (!pixel) return forward(pixel);
+  Prediction out{*pixel, MeasurementMatrix::Zero()};
+  out.by_state.middleCols<3>(index::position) = pixel->by_position * unit::length_m;
+  out.by_state.middleCols<3>(index::velocity) = pixel->by_velocity * unit::velocity_m_s;
+  out.by_state.middleCols<4>(index::camera) = pixel->by_camera;
+  if (beacon >= 0 && light != 0.0)
+    out.by_state.col(index::photocentre + beacon) = pixel->by_direction * sight.shift_N / light;
+  return out;
 }
 
-const BeaconErrors& Filter::errors_of(BodyId body) const {
-  static constexpr BeaconErrors kNone{};
-  for (const BeaconErrors& errors : settings_.beacon_errors)
-    if (errors.body == body && body != BodyId{}) return errors;
-  return kNone;
+int Filter::beacon_of(BodyId body) const {
+  if (body == BodyId{}) return -1;
+  for (int i = 0; i < kBeaconBodies; ++i)
+    if (settings_.beacon_errors[static_cast<std::size_t>(i)].body == body) return i;
+  return -1;
 }
 
 Filter::NoiseScale* Filter::scale_of(BodyId body) {
@@ -166,16 +180,15 @@ double Filter::noise_scale(BodyId body) const {
 // The bias forgets the last window: its rows leave the covariance, and come back with everything that will be the same
 // in all images of this one.
 void Filter::start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
-  const BeaconErrors& errors = errors_of(measurement.body);
-  const Mat23 by_body = errors.ephemeris_m * prediction.by_position;
-  const Vec2 by_shift = errors.photocentre_fraction * (prediction.by_direction * prediction.sight.shift_N);
+  const int beacon = beacon_of(measurement.body);
+  const double ephemeris_m = beacon < 0 ? 0.0 : settings_.beacon_errors[static_cast<std::size_t>(beacon)].ephemeris_m;
+  const Mat23 by_body = ephemeris_m * prediction.by_position;
   const double repeating2 =
       settings_.bias.sigma * settings_.bias.sigma + measurement.repeating_sigma_px * measurement.repeating_sigma_px;
-  const Mat2 covariance =
-      repeating2 * Mat2::Identity() + by_body * by_body.transpose() + by_shift * by_shift.transpose();
+  const Mat2 covariance = repeating2 * Mat2::Identity() + by_body * by_body.transpose();
 
   StateMatrix phi = StateMatrix::Identity();
-  phi.bottomRightCorner<2, 2>().setZero();
+  phi.block<2, 2>(index::bias, index::bias).setZero();
   ProcessNoise noise;
   noise.n.setZero();
   noise.q.setZero();
@@ -231,27 +244,28 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
       last_image_ && last_body_ == measurement.body && epoch_ - *last_image_ <= settings_.window_gap;
   if (last_body_ != measurement.body) rejections_ = {};
   if (!same_window) x_.segment<2>(index::bias).setZero();
-  Result<PixelPrediction> prediction = predict(x_, measurement, *body, sun->p_m);
+  Result<Prediction> prediction = predict(x_, measurement, *body, sun->p_m);
   if (!prediction) return rejected(UpdateReason::out_of_view);
   if (!same_window) {
-    start_window(measurement, *prediction);
+    start_window(measurement, prediction->pixel);
     result.window_started = true;
   }
   last_body_ = measurement.body;
   last_image_ = epoch_;
 
-  const Mat2 unscaled_noise = noise_covariance(measurement, *prediction);
+  const Mat2 unscaled_noise = noise_covariance(measurement, prediction->pixel);
   const Mat2 R = noise_scale(measurement.body) * unscaled_noise;
   if (!is_covariance(R)) return rejected(UpdateReason::bad_measurement);
-  MeasurementMatrix h = by_state(*prediction);
+  MeasurementMatrix h = prediction->by_state;
   const Vec2 z = measurement.pixel.vec();
   const auto prior_covariance = [this](const MeasurementMatrix& by_x) -> Mat2 {
     const MeasurementMatrix f = by_x * covariance_.u;
     return f * covariance_.d.asDiagonal() * f.transpose();
   };
 
-  result.predicted = {prediction->pixel.x(), prediction->pixel.y()};
-  result.innovation_px = z - prediction->pixel;
+  const Vec2 predicted = prediction->pixel.pixel;
+  result.predicted = {predicted.x(), predicted.y()};
+  result.innovation_px = z - predicted;
   result.noise_covariance_px2 = R;
   Mat2 prior = prior_covariance(h);
   result.innovation_covariance_px2 = prior + R;
@@ -281,12 +295,12 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   MeasurementMatrix used = h;
   for (result.iterations = 1;; ++result.iterations) {
     used = h;
-    const Vec2 innovation = z - prediction->pixel - h * (before - x_);
+    const Vec2 innovation = z - prediction->pixel.pixel - h * (before - x_);
     const MeasurementMatrix f = h * covariance_.u;
     const Mat2 S = f * covariance_.d.asDiagonal() * f.transpose() + R;
     const StateVector weighted = covariance_.d.cwiseProduct(f.transpose() * (S.inverse() * innovation));
     const StateVector next = before + covariance_.u * weighted;
-    const Vec2 linear = prediction->pixel + h * (next - x_);
+    const Vec2 linear = prediction->pixel.pixel + h * (next - x_);
     x_ = next;
     if (result.iterations >= settings_.max_iterations) break;
     prediction = predict(x_, measurement, *body, sun->p_m);
@@ -294,8 +308,8 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
       x_ = before;
       return rejected(UpdateReason::out_of_view);
     }
-    if ((prediction->pixel - linear).norm() <= tolerance) break;
-    h = by_state(*prediction);
+    if ((prediction->pixel.pixel - linear).norm() <= tolerance) break;
+    h = prediction->by_state;
   }
 
   // Two uncorrelated scalars of variance one.
@@ -324,16 +338,25 @@ Result<DirectionPrediction> Filter::predict_direction(BodyId body) const {
   if (!place) return forward(place);
   const Result<State> sun = ephemeris_->state(body::sun, body::solar_system_barycenter, epoch_);
   if (!sun) return forward(sun);
-  const Sight sight = apparent_sight(state(), *place, sun->p_m, mean_radius_m(body), settings_.sight);
-  Eigen::Matrix<double, 3, 6> by_pv;
-  by_pv << sight.by_position, sight.by_velocity;
-  const BeaconErrors& errors = errors_of(body);
-  const Mat3 by_body = errors.ephemeris_m * sight.by_position;
-  const Vec3 by_shift = errors.photocentre_fraction * sight.shift_N;
-  return DirectionPrediction{
-      sight.direction_N,
-      by_pv * covariance_pv() * by_pv.transpose() + by_body * by_body.transpose() + by_shift * by_shift.transpose(),
-      sight.distance_m, sight.light_time_s};
+  const int beacon = beacon_of(body);
+  SightSettings settings = settings_.sight;
+  if (beacon >= 0) settings.centre_of_light_scale *= 1.0 + x_[index::photocentre + beacon];
+  const Sight sight = apparent_sight(state(), *place, sun->p_m, mean_radius_m(body), settings);
+  Eigen::Matrix<double, 3, kStates> by_state = Eigen::Matrix<double, 3, kStates>::Zero();
+  by_state.middleCols<3>(index::position) = sight.by_position * unit::length_m;
+  by_state.middleCols<3>(index::velocity) = sight.by_velocity * unit::velocity_m_s;
+  double ephemeris_m = 0.0;
+  if (beacon >= 0) {
+    ephemeris_m = settings_.beacon_errors[static_cast<std::size_t>(beacon)].ephemeris_m;
+    if (settings.centre_of_light_scale != 0.0)
+      by_state.col(index::photocentre + beacon) =
+          settings_.sight.centre_of_light_scale / settings.centre_of_light_scale * sight.shift_N;
+  }
+  const Mat3 by_body = ephemeris_m * sight.by_position;
+  const Eigen::Matrix<double, 3, kStates> f = by_state * covariance_.u;
+  return DirectionPrediction{sight.direction_N,
+                             f * covariance_.d.asDiagonal() * f.transpose() + by_body * by_body.transpose(),
+                             sight.distance_m, sight.light_time_s};
 }
 
 State Filter::state() const {

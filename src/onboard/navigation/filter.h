@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Filter: where the spacecraft is, from pixels of planets. A 17-state extended Kalman filter in factorised form.
+// Filter: where the spacecraft is, from pixels of planets. An extended Kalman filter (states: state.h) in factorised
+// form.
 //
 //   Filter filter(settings, ephemeris);                       // the ephemeris must outlive it
 //   filter.initialise({epoch, state, covariance, mass, mass_sigma});
@@ -25,11 +26,11 @@
 
 namespace astronav::navigation {
 
-// What the filter believes about errors that stay the same while one beacon is tracked, per body (1 sigma).
+// What the filter believes about errors of one body (1 sigma).
 struct BeaconErrors {
   BodyId body;
-  double ephemeris_m = 0.0;           // per axis
-  double photocentre_fraction = 0.0;  // of the centre-of-light shift
+  double ephemeris_m = 0.0;           // per axis; the same while the body is tracked, new in the next window
+  double photocentre_fraction = 0.0;  // of the centre-of-light shift; a state of its own, the same in all windows
 };
 
 struct FilterSettings {
@@ -43,6 +44,7 @@ struct FilterSettings {
   // image has come for `window_gap`.
   GaussMarkov bias{.sigma = 0.004, .tau_s = 12.0 * 3600.0};
   Duration window_gap = Duration::seconds(900.0);
+  double photocentre_tau_s = 1000.0 * 86400.0;
 
   double gate_probability = 0.9999;  // measurement editing: chi-square of 2 degrees; 1 takes everything
   // After this many rejections in a row that agree with each other, the filter doubts itself: position and velocity
@@ -57,7 +59,7 @@ struct FilterSettings {
   double adaptive_prior_count = 20.0;
   double adaptive_memory_count = 300.0;
 
-  std::array<BeaconErrors, 8> beacon_errors{};  // unused entries have body 0
+  std::array<BeaconErrors, kBeaconBodies> beacon_errors{};  // unused entries have body 0
 };
 
 struct InitialState {
@@ -137,11 +139,15 @@ class Filter {
     double sum2 = 0.0, noise = 0.0, prior = 0.0;  // traces, px2
   };
 
-  Result<PixelPrediction> predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
-                                  const Vec3& p_sun) const;
+  struct Prediction {
+    PixelPrediction pixel;
+    Eigen::Matrix<double, 2, kStates> by_state;  // non-dimensional
+  };
+  Result<Prediction> predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
+                             const Vec3& p_sun) const;
   void start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction);
   bool recover();
-  const BeaconErrors& errors_of(BodyId body) const;
+  int beacon_of(BodyId body) const;  // index into the beacon errors, or -1
   NoiseScale* scale_of(BodyId body);
 
   FilterSettings settings_;

@@ -10,8 +10,10 @@ namespace {
 constexpr double kSolarPressure = 4.56e-6;    // N/m2 at 1 AU
 constexpr double kStandardGravity = 9.80665;  // m/s2
 
-// Position and velocity, and their derivatives by position, velocity, mass, xi_a, xi_T at the beginning of the step.
-constexpr int kParameters = 13;
+// Position and velocity, and their derivatives at the beginning of the step by position, velocity, mass, xi_a, xi_T
+// (in the order of the states) and by xi_s.
+constexpr int kBySolarPressure = index::camera;
+constexpr int kParameters = kBySolarPressure + 1;
 using Sensitivity = Eigen::Matrix<double, 6, kParameters>;
 using Sensitivity3 = Eigen::Matrix<double, 3, kParameters>;
 
@@ -52,25 +54,38 @@ Result<FactorisedCovariance> factorise(const StateMatrix& P) {
 }
 
 void time_update(FactorisedCovariance& P, const StateMatrix& phi, const ProcessNoise& noise) {
-  constexpr int kColumns = 40;  // states and noises, rounded up to whole vector registers
-  static_assert(kStates + kNoiseColumns <= kColumns);
-  Eigen::Matrix<double, kColumns, kStates> w;  // a column here is a row of [Phi U, N]
-  w.topRows<kStates>().noalias() = (phi * P.u).transpose();
-  w.middleRows<kNoiseColumns>(kStates) = noise.n.transpose();
-  w.bottomRows<kColumns - kStates - kNoiseColumns>().setZero();
-  Eigen::Matrix<double, kColumns, 1> weights;
-  weights << P.d, noise.q, Eigen::Matrix<double, kColumns - kStates - kNoiseColumns, 1>::Zero();
+  // A column here is a row of [Phi U, N]; those of weight zero are left out, and the rest filled up to whole registers.
+  constexpr int kLanes = 8;
+  constexpr int kMostColumns = (kStates + kNoiseColumns + kLanes - 1) / kLanes * kLanes;
+  Eigen::Matrix<double, kMostColumns, kStates> w;
+  Eigen::Matrix<double, kMostColumns, 1> weights, weighted;
+  const StateMatrix spread = phi * P.u;
+  int columns = 0;
+  for (int j = 0; j < kStates; ++j) {
+    if (!(P.d[j] > 0.0)) continue;
+    w.row(columns) = spread.col(j).transpose();
+    weights[columns++] = P.d[j];
+  }
+  for (int j = 0; j < kNoiseColumns; ++j) {
+    if (!(noise.q[j] > 0.0)) continue;
+    w.row(columns) = noise.n.col(j).transpose();
+    weights[columns++] = noise.q[j];
+  }
+  for (; columns % kLanes != 0; ++columns) {
+    w.row(columns).setZero();
+    weights[columns] = 0.0;
+  }
 
   P.u.setIdentity();
   for (int j = kStates - 1; j >= 0; --j) {
-    const Eigen::Matrix<double, kColumns, 1> weighted = w.col(j).cwiseProduct(weights);
-    const double d = weighted.dot(w.col(j));
+    weighted.head(columns) = w.col(j).head(columns).cwiseProduct(weights.head(columns));
+    const double d = weighted.head(columns).dot(w.col(j).head(columns));
     P.d[j] = d;
     if (!(d > 0.0)) continue;
     for (int i = 0; i < j; ++i) {
-      const double u = w.col(i).dot(weighted) / d;
+      const double u = w.col(i).head(columns).dot(weighted.head(columns)) / d;
       P.u(i, j) = u;
-      w.col(i) -= u * w.col(j);
+      w.col(i).head(columns) -= u * w.col(j).head(columns);
     }
   }
 }
@@ -81,6 +96,7 @@ void measurement_update(FactorisedCovariance& P, const StateVector& h, double r)
   double alpha = r;
   for (int j = 0; j < kStates; ++j) {
     const double b = P.d[j] * f[j];
+    if (b == 0.0) continue;
     const double before = alpha;
     alpha += f[j] * b;
     P.d[j] *= before / alpha;
@@ -95,8 +111,9 @@ void measurement_update(FactorisedCovariance& P, const StateVector& h, double r)
 }
 
 Process::Process(const ProcessSettings& settings, const Ephemeris& ephemeris, const GaussMarkov& focal,
-                 const GaussMarkov& k1, const GaussMarkov& bias)
-    : settings_(settings), ephemeris_(&ephemeris), camera_{focal, k1, bias, bias} {
+                 const GaussMarkov& k1, const GaussMarkov& bias, const Photocentres& photocentres)
+    : settings_(settings), ephemeris_(&ephemeris), slow_{focal, k1, bias, bias, settings.solar_pressure} {
+  std::copy(photocentres.begin(), photocentres.end(), slow_.begin() + (index::photocentre - index::camera));
   for (const BodyId body : settings_.attractors) {
     if (body == BodyId{}) break;
     const Result<BodyConstants> constants = body_constants(body);
@@ -109,11 +126,15 @@ Process::Process(const ProcessSettings& settings, const Ephemeris& ephemeris, co
 Result<void> Process::check(Epoch epoch) const {
   if (sun_ < 0) return fail(ErrorCode::invalid_argument, "the list of attractors lacks the Sun");
   if (!constants_known_) return fail(ErrorCode::not_found, "an attractor's gravitational parameter is not known");
-  for (const GaussMarkov& law : {settings_.acceleration, settings_.thrust_magnitude, settings_.thrust_pointing,
-                                 camera_[0], camera_[1], camera_[2]})
-    if (!(law.tau_s > 0.0) || !(law.sigma >= 0.0))
-      return fail(ErrorCode::invalid_argument, "a Gauss-Markov law has sigma {0} and time constant {1} s",
-                  {law.sigma, law.tau_s});
+  const auto sound = [](const GaussMarkov& law) { return law.tau_s > 0.0 && law.sigma >= 0.0; };
+  const auto unsound = [](const GaussMarkov& law) {
+    return fail(ErrorCode::invalid_argument, "a Gauss-Markov law has sigma {0} and time constant {1} s",
+                {law.sigma, law.tau_s});
+  };
+  for (const GaussMarkov& law : {settings_.acceleration, settings_.thrust_magnitude, settings_.thrust_pointing})
+    if (!sound(law)) return unsound(law);
+  for (const GaussMarkov& law : slow_)
+    if (!sound(law)) return unsound(law);
   if (!(settings_.step_share > 0.0) || settings_.max_step <= Duration())
     return fail(ErrorCode::invalid_argument, "step share {0} and longest step {1} s must be positive",
                 {settings_.step_share, settings_.max_step.seconds()});
@@ -162,7 +183,9 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
   const double mass = x[index::mass];
   const Vec3 xi_a = x.segment<3>(index::acceleration);
   const Vec3 xi_t = x.segment<3>(index::thrust);
+  const double xi_s = x[index::solar_pressure];
   const double rate_a = unit::time_s / settings_.acceleration.tau_s;
+  const double rate_s = unit::time_s / settings_.solar_pressure.tau_s;
   const double rate_t[2] = {unit::time_s / settings_.thrust_magnitude.tau_s,
                             unit::time_s / settings_.thrust_pointing.tau_s};
 
@@ -181,13 +204,15 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
     const double m = mass - mass_flow * s;
     const double decay_a = std::exp(-rate_a * s);
     const Vec3 decay_t(std::exp(-rate_t[0] * s), std::exp(-rate_t[1] * s), std::exp(-rate_t[1] * s));
-    const double pressure = kSolarPressure * settings_.reflectivity_area_m2 / (m * unit::acceleration_m_s2);
+    const double decay_s = std::exp(-rate_s * s);
+    const double believed = kSolarPressure * settings_.reflectivity_area_m2 / (m * unit::acceleration_m_s2);
+    const double pressure = believed * (1.0 + decay_s * xi_s);
     const double thrust_acceleration = thrust.force_n / (m * unit::acceleration_m_s2);
 
     const Vec3 p = flow.x.head<3>();
     Vec3 a = Vec3::Zero();
     Mat3 gradient = Mat3::Zero();
-    Vec3 pressure_acceleration = Vec3::Zero();
+    Vec3 pressure_acceleration = Vec3::Zero(), by_xi_s = Vec3::Zero();
     for (int i = 0; i < attractors_; ++i) {
       const Vec3 d = p - at.p[i];
       const double r2 = d.squaredNorm();
@@ -196,6 +221,7 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
       double gm = gm_[i];
       if (i == sun_) {
         pressure_acceleration = pressure * inverse3 * d;
+        by_xi_s = decay_s * believed * inverse3 * d;
         gm -= pressure;
       }
       a -= gm * inverse3 * d;
@@ -212,6 +238,7 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
     s_a.col(index::mass) -= (pressure_acceleration + thrust_vector) / m;
     s_a.middleCols<3>(index::acceleration).diagonal().array() += decay_a;
     s_a.middleCols<3>(index::thrust) += thrust_acceleration * thrust_frame * decay_t.asDiagonal();
+    s_a.col(kBySolarPressure) += by_xi_s;
     rate.s.bottomRows<3>() = s_a;
     return rate;
   };
@@ -237,7 +264,8 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
   x.segment<3>(index::acceleration) *= phi_a;
   x.segment<3>(index::thrust).array() *= phi_t.array();
   out.phi.setIdentity();
-  out.phi.topLeftCorner<6, kParameters>() = flow.s;
+  out.phi.topLeftCorner<6, index::camera>() = flow.s.leftCols<index::camera>();
+  out.phi.col(index::solar_pressure).head<6>() = flow.s.col(kBySolarPressure);
   out.phi.diagonal().segment<3>(index::acceleration).setConstant(phi_a);
   out.phi.diagonal().segment<3>(index::thrust) = phi_t;
 
@@ -266,13 +294,14 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
   for (int axis = 0; axis < 3; ++axis)
     drive(index::thrust + axis, thrust_acceleration * thrust_frame.col(axis),
           axis == 0 ? settings_.thrust_magnitude.sigma : settings_.thrust_pointing.sigma, rate_t[axis == 0 ? 0 : 1]);
-  for (int i = 0; i < 4; ++i, ++column) {
-    const double exponent = -h.seconds() / camera_[i].tau_s;
+  for (std::size_t i = 0; i < slow_.size(); ++i, ++column) {
+    const int state = index::camera + static_cast<int>(i);
+    const double exponent = -h.seconds() / slow_[i].tau_s;
     const double phi = std::exp(exponent);
-    x[index::camera + i] *= phi;
-    out.phi(index::camera + i, index::camera + i) = phi;
-    out.noise.n(index::camera + i, column) = 1.0;
-    out.noise.q[column] = -camera_[i].sigma * camera_[i].sigma * std::expm1(2.0 * exponent);
+    x[state] *= phi;
+    out.phi(state, state) = phi;
+    out.noise.n(state, column) = 1.0;
+    out.noise.q[column] = -slow_[i].sigma * slow_[i].sigma * std::expm1(2.0 * exponent);
   }
   return {};
 }

@@ -32,6 +32,7 @@ struct ProcessSettings {
                                                 body::neptune_barycenter,
                                                 BodyId{}};
   double reflectivity_area_m2 = 0.65;                                     // CR * A
+  GaussMarkov solar_pressure{.sigma = 0.0, .tau_s = 3000.0 * 86400.0};    // relative
   GaussMarkov acceleration{.sigma = 1e-8, .tau_s = 5.0 * 86400.0};        // m/s2 per axis
   GaussMarkov thrust_magnitude{.sigma = 0.005, .tau_s = 86400.0};         // relative
   GaussMarkov thrust_pointing{.sigma = 0.3 * kDegree, .tau_s = 86400.0};  // rad per axis
@@ -57,7 +58,7 @@ struct FactorisedCovariance {
 Result<FactorisedCovariance> factorise(const StateMatrix& P);
 
 // Columns of process noise: Q = N diag(q) N'.
-inline constexpr int kNoiseColumns = 22;
+inline constexpr int kNoiseColumns = 18 + kStates - index::camera;
 struct ProcessNoise {
   Eigen::Matrix<double, kStates, kNoiseColumns, Eigen::RowMajor> n;
   Eigen::Matrix<double, kNoiseColumns, 1> q;
@@ -69,8 +70,9 @@ void measurement_update(FactorisedCovariance& P, const StateVector& h, double r)
 
 class Process {
  public:
+  using Photocentres = std::array<GaussMarkov, kBeaconBodies>;
   Process(const ProcessSettings& settings, const Ephemeris& ephemeris, const GaussMarkov& focal, const GaussMarkov& k1,
-          const GaussMarkov& bias);
+          const GaussMarkov& bias, const Photocentres& photocentres = {});
 
   // not_found, out_of_range: what the settings ask for is not in the ephemeris or the table of constants.
   Result<void> check(Epoch epoch) const;
@@ -98,7 +100,8 @@ class Process {
   int sun_ = -1;
   bool constants_known_ = true;
   std::array<double, kMaxAttractors> gm_{};  // non-dimensional
-  GaussMarkov camera_[4];
+  // States that do nothing but decay: those of the camera, solar pressure, centres of light.
+  std::array<GaussMarkov, kStates - index::camera> slow_;
   Places start_, middle_, end_;
 };
 

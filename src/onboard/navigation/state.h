@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 17 states of the filter, in one place: their order, meaning, scales and the Gauss-Markov laws that drive ten of
-// them.
+// The states of the filter, in one place: their order, meaning, scales and the Gauss-Markov laws that drive them.
+// Seventeen are the paper's; the others are variants that cost nothing where their sigma is zero.
 //
 //   0..2   p       position, barycentric, ICRF axes (N), m
 //   3..5   v       velocity, N, m/s
@@ -9,6 +9,10 @@
 //   7..9   xi_a    unmodelled acceleration, N, m/s2
 //   10..12 xi_T    thrust: relative error of magnitude; pointing angles towards e1 and e2 of the thrust frame, rad
 //   13..16 xi_c    camera: relative error of the focal length; error of k1; line-of-sight bias (u, v), px
+//   17     xi_s    solar pressure: relative error of CR A/m, where the mass is something of its own (thrust)
+//   18..25 xi_p    centre of light, one for each planet of FilterSettings::beacon_errors: relative error of its shift
+//                  from the centre. The same in every window: what is put into R or a window's bias instead averages
+//                  out in the covariance and not in the truth
 //
 // Why these four of the camera: with the attitude taken from the stars of the same frame, an error of cx, cy cancels to
 // first order. What stays is scale and radial distortion, and whatever is constant while one beacon is tracked (star
@@ -21,10 +25,12 @@
 
 namespace astronav::navigation {
 
-inline constexpr int kStates = 17;
+inline constexpr int kBeaconBodies = 8;
+inline constexpr int kStates = 18 + kBeaconBodies;
 namespace index {
 inline constexpr int position = 0, velocity = 3, mass = 6, acceleration = 7, thrust = 10, camera = 13;
 inline constexpr int focal = 13, k1 = 14, bias = 15;
+inline constexpr int solar_pressure = 17, photocentre = 18;
 }  // namespace index
 
 using StateVector = Eigen::Matrix<double, kStates, 1>;

@@ -28,6 +28,7 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
     settings.process.attractors[count++] = *id;
   }
   settings.process.reflectivity_area_m2 = belief.area_to_mass_cr_m2_kg * kBelievedMassKg;
+  settings.process.solar_pressure.sigma = belief.srp_scale_sigma;
   settings.process.acceleration = {.sigma = belief.acceleration_sigma_m_s2,
                                    .tau_s = belief.acceleration_tau_days * 86400.0};
   settings.camera = camera.intrinsics;
@@ -36,7 +37,7 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
   for (std::size_t i = 0; i < settings.beacon_errors.size(); ++i) {
     static constexpr BodyId planets[] = {body::mercury, body::venus,  body::earth,  body::mars,
                                          body::jupiter, body::saturn, body::uranus, body::moon};
-    settings.beacon_errors[i] = {planets[i], belief.ephemeris_sigma_km * 1e3, 0.0};
+    settings.beacon_errors[i] = {planets[i], belief.ephemeris_sigma_km * 1e3, belief.photocentre_sigma};
   }
   if (level == Level::mil) {
     settings.focal.sigma = settings.k1.sigma = settings.bias.sigma = 0.0;

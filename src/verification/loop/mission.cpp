@@ -133,7 +133,6 @@ Result<void> Flight::start(const Epoch& epoch) {
   for (int i = 0; i < 3; ++i) initial.state.v_m_s[i] += stream.normal(0.0, sigma_v);
   initial.covariance.diagonal() << Vec3::Constant(sigma_p * sigma_p), Vec3::Constant(sigma_v * sigma_v);
   initial.mass_kg = kBelievedMassKg;
-  initial.mass_sigma_kg = belief.srp_scale_sigma * kBelievedMassKg;
   return navigator_->start(initial);
 }
 

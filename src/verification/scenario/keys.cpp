@@ -88,6 +88,7 @@ const std::array kKeys{
     NUMBER(onboard.filter.gate_probability, "", 0.5, 1.0, "measurement editing: share of good measurements that pass; 1 for no editing"),
     SWITCH(onboard.filter.adaptive_r, "a scale of the measurement noise is learnt for each beacon from past residuals; false: as the image processing says"),
     SWITCH(onboard.filter.photocentre, "centre of light of a Lambert sphere in the measurement model; false: centre of figure"),
+    NUMBER(onboard.filter.photocentre_sigma, "", 0.0, 1.0, "error of that law which the filter allows for and estimates, one scale a planet, relative, 1 sigma; 0: the law is known"),
     TEXT(onboard.filter.bodies, "whose gravity the filter models beside the Sun's"),
 
     CHOICE(onboard.vision.exposure, "fixed chosen", "fixed: the camera's own exposure; chosen: by the onboard software for each window, up to the camera's own"),

@@ -104,6 +104,7 @@ struct OnboardFilter {
   double gate_probability = 0.9999;
   bool adaptive_r = true;
   bool photocentre = true;
+  double photocentre_sigma = 0.0;
   std::vector<std::string> bodies = {"mercury", "venus",  "earth",  "moon",   "mars",
                                      "jupiter", "saturn", "uranus", "neptune"};
 };
