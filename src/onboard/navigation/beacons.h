@@ -4,8 +4,8 @@
 // Two sights i with weight w_i = 1/((d_i s_i)^2 + e_i^2) and separation gamma fix a position with
 //   tr P = 1/(w1 + w2) + (w1 + w2)/(w1 w2 sin^2 gamma)                       (docs/theory/navigation.md eq. 9)
 // The pair with the least tr P among the usable beacons is best; or, where the filter's covariance is given, the one
-// that leaves it the least trace of position after both updates (eq. 11). A turn from one to the other that takes
-// longer than there is time rules a pair out (eq. 10). No heap.
+// that leaves it the least trace of position after both updates (eq. 9b). A turn from one to the other that takes
+// longer than there is time rules a pair out (eq. 9a). No heap.
 #pragma once
 
 #include <array>
