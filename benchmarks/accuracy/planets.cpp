@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Planets in rendered frames, predicted from a place in space that is wrong: how often the right spot is named, how
 // often a wrong one, and how far the planet's pixel is from the truth (the figure 4 of the EXTREMA image-processing
-// paper). One JSON object a line. Options: [frames] [prior 3 sigma, km].
+// paper). One JSON object a line. Options: [frames] [prior 3 sigma, km] [attitude]: the last with a prior attitude, off
+// by 200 arcsec an axis (1 sigma).
 #include <map>
 
 #include <fmt/format.h>
@@ -34,6 +35,8 @@ struct Visitor {
   Onboard onboard;
   vision::Vision eyes;
   RandomStream random{StreamId{.seed = 6, .purpose = "planets"}};
+  RandomStream priors{StreamId{.seed = 6, .purpose = "prior attitudes"}};  // of their own: the same frames without them
+  bool with_attitude = false;
 
   Visitor()
       : onboard(world.catalogue, world.believed.intrinsics, 8.0, Epoch::tdb_seconds(27.0 * 365.25 * 86400.0)),
@@ -116,7 +119,10 @@ struct Visitor {
     predictions.back().direction_N = (asteroid.direction_N + sigma_m / two_au * anywhere()).normalized();
     predictions.back().direction_covariance = across(predictions.back().direction_N, sigma_m / two_au);
     const vision::Observer observer{.epoch = epoch, .p_O_N = believed.p_m, .v_O_N = believed.v_m_s};
-    const vision::FrameResult& seen = eyes.process(world.frame, observer, {}, predictions);
+    std::optional<Mat3> prior;
+    if (with_attitude)
+      prior = rotation_exp(200.0 * kArcsecond * Vec3(priors.normal(), priors.normal(), priors.normal())) * R_CN;
+    const vision::FrameResult& seen = eyes.process(world.frame, observer, prior, predictions);
     for (std::size_t i = 0; i < predictions.size(); ++i)
       judge(seen, i, predictions, tallies[predictions[i].body.value]);
     return true;
@@ -226,6 +232,7 @@ int main(int argc, char** argv) {
   if (argc > 2) priors = {std::atof(argv[2])};
   for (const double prior_km : priors) {
     Visitor visitor;
+    visitor.with_attitude = argc > 3;
     std::map<std::int64_t, Tally> tallies;
     for (int k = 0; k < frames;) k += visitor.visit(prior_km, tallies);
     Tally all;

@@ -9,7 +9,6 @@
 namespace astronav::vision {
 namespace {
 
-constexpr std::size_t kMaxSamples = 32768;
 constexpr double kClip = 4.0;        // sigma
 constexpr double kLeastNoise = 0.3;  // DN: that of rounding is 0.29
 constexpr double kUneven = 2.0;      // chi-square of the tiles' means per degree of freedom; 1.0 +- 0.1 where even
@@ -93,11 +92,11 @@ void Background::set(const FrameLevel& level) {
 
 // Whole rows, spread over the frame: pixels spread one by one would fetch all of it from memory.
 template <typename T>
-FrameLevel Background::measure_even(ImageView<const T> image) {
+FrameLevel Background::measure_even(ImageView<const T> image, std::size_t samples) {
   const auto width = static_cast<std::size_t>(image.width());
-  rows_ = std::clamp(static_cast<int>(kMaxSamples / width), 1, image.height());
+  rows_ = std::clamp(static_cast<int>(samples / width), 1, image.height());
   step_ = 1;
-  while (width * static_cast<std::size_t>(rows_) > kMaxSamples * static_cast<std::size_t>(step_)) ++step_;
+  while (width * static_cast<std::size_t>(rows_) > samples * static_cast<std::size_t>(step_)) ++step_;
   const auto per_row = static_cast<std::size_t>((image.width() + step_ - 1) / step_);
   samples_.resize(static_cast<std::size_t>(rows_) * per_row);
   for (int r = 0; r < rows_; ++r) {
@@ -234,10 +233,11 @@ FrameLevel Background::measure_map(ImageView<const T> image) {
 }
 
 template <typename T>
-FrameLevel Background::measure(ImageView<const T> image) {
+FrameLevel Background::measure(ImageView<const T> image, std::size_t samples) {
+  ASTRONAV_CHECK_OP(samples, <=, kMaxSamples);
   ASTRONAV_CHECK_OP(static_cast<std::size_t>(image.width()), <=, columns_.size());
   columned_ = false;
-  level_ = measure_even(image);
+  level_ = measure_even(image, samples);
   mapped_ = std::min(image.width(), image.height()) >= 8 * kTiles && is_uneven(image.height());
   if (mapped_) level_ = measure_map(image);
   return level_;
@@ -319,8 +319,8 @@ std::span<const float> Background::threshold_row(int v, double sigma, double thr
   return {row_.data(), static_cast<std::size_t>(width)};
 }
 
-#define ASTRONAV_BACKGROUND_OF(T)                                 \
-  template FrameLevel Background::measure<T>(ImageView<const T>); \
+#define ASTRONAV_BACKGROUND_OF(T)                                              \
+  template FrameLevel Background::measure<T>(ImageView<const T>, std::size_t); \
   template void Background::measure_columns<T>(ImageView<const T>);
 ASTRONAV_BACKGROUND_OF(std::uint8_t)
 ASTRONAV_BACKGROUND_OF(std::uint16_t)

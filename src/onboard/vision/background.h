@@ -26,8 +26,9 @@ class Background {
   explicit Background(int max_width);
 
   // Looks at a frame; the threshold is left to the caller. Of an uneven frame: the middle values of the map.
+  static constexpr std::size_t kMaxSamples = 32768;
   template <typename T>
-  FrameLevel measure(ImageView<const T> image);
+  FrameLevel measure(ImageView<const T> image, std::size_t samples = kMaxSamples);
   // Level and noise are told; even everywhere.
   void set(const FrameLevel& level);
   // What bright sources left all along their columns, from 64 rows; beside what is known.
@@ -46,7 +47,7 @@ class Background {
     float background = 0.0f, noise = 0.0f;
   };
   template <typename T>
-  FrameLevel measure_even(ImageView<const T> image);
+  FrameLevel measure_even(ImageView<const T> image, std::size_t samples);
   bool is_uneven(int height) const;
   int row_of(int sample, int height) const;
   template <typename T>

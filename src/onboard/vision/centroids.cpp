@@ -15,7 +15,9 @@ constexpr std::size_t kConsensus = 5;   // bright spots that can tell what all h
 constexpr double kBrightNoise = 20.0;   // peak over noise: then a spot's width is its own, not the threshold's
 constexpr double kLessonSnr = 150.0;    // a star that shows the point-spread function beyond its core
 constexpr int kLessonReach = 9;         // px about it
-constexpr double kExtendedWidth = 1.6;  // of a saturated spot, over the believed
+// With a prior attitude: so many pixels tell the level, and a spot that is cut and this high may be a smeared column.
+constexpr std::size_t kFewSamples = 16384;
+constexpr int kLongCut = 24;
 
 // Rms over one pixel of (centre of squares - truth) for a pixel-integrated Gaussian, noise-free (eq. 3). On one axis:
 // the squares separate.
@@ -177,14 +179,17 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
 template <typename T>
 void CentroidFinder::consider_lesson(ImageView<const T> image, const Region& region, const PsfFit& fit,
                                      const LocalPsf& psf, const LocalLevel& level, const PsfEvidence& evidence) {
-  const std::size_t most = lessons_learnt_ < kFirstLessons ? lessons_.size() : 1;
-  if (lesson_count_ == most || fit.flux_dn < kLessonSnr * fit.flux_sigma_dn) return;
+  const bool young = lessons_learnt_ < kFirstLessons;
+  if (lesson_count_ == (young ? lessons_.size() : 1) || (!young && lessons_tried_ == 2) ||
+      fit.flux_dn < kLessonSnr * fit.flux_sigma_dn)
+    return;
   Lesson& lesson = lessons_[lesson_count_];
   lesson = {fit.pixel, evidence, region.saturated};
   const int u = static_cast<int>(std::lround(fit.pixel.u)), v = static_cast<int>(std::lround(fit.pixel.v));
   const Window window =
       grown(region.saturated ? region.saturated_box : Window{u, v, u, v}, kLessonReach, image.width(), image.height());
   if (!alone(window, region)) return;
+  ++lessons_tried_;
   if (region.saturated) {
     lesson.evidence.weaken(fit.chi2_per_dof);
   } else if (!psf_evidence(image, window, fit, level, sensor_, psf, lesson.evidence)) {
@@ -194,6 +199,7 @@ void CentroidFinder::consider_lesson(ImageView<const T> image, const Region& reg
 }
 
 bool CentroidFinder::alone(const Window& window, const Region& region) const {
+  if (attention_ != nullptr && !attention_->covers(window)) return false;
   for (const Region& other : regions_.all()) {
     if (&other == &region) continue;
     if (other.box.u0 <= window.u1 && other.box.u1 >= window.u0 && other.box.v0 <= window.v1 &&
@@ -293,6 +299,9 @@ Mat2 CentroidFinder::common_motion() {
 // Candidates for measurement, brightest first; what is no point goes to the others.
 template <typename T>
 void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
+  others_.clear();
+  std::swap(sharp_[0], sharp_[1]);
+  sharp_count_ = {0, sharp_count_[0]};
   const auto regions = regions_.all();
   order_.clear();
   for (std::size_t i = 0; i < regions.size(); ++i) {
@@ -326,7 +335,7 @@ void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
     candidate.core = region.saturated_box;
     const bool blooming = region.saturated && bloomed(region);
     if (blooming) candidate.core = core_of_bloomed(image, region.saturated_box, sensor_.saturation_dn);
-    if (on_border(blooming ? candidate.core : region.box, image.width(), image.height())) continue;
+    if (region.cut || on_border(blooming ? candidate.core : region.box, image.width(), image.height())) continue;
     const bool vast =
         static_cast<std::size_t>(region.box.width()) * static_cast<std::size_t>(region.box.height()) > kMaxBox;
     if (!blooming && (vast || region.pixels > settings_.max_region_px)) {
@@ -362,28 +371,77 @@ void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
   candidates_.resize(kept);
 }
 
+FrameLevel CentroidFinder::with_threshold(FrameLevel level) const {
+  level.threshold_dn =
+      level.background_dn +
+      (settings_.threshold_dn > 0.0 ? settings_.threshold_dn : settings_.threshold_sigma * level.noise_dn);
+  return level;
+}
+
+template <typename T>
+void CentroidFinder::grow_regions(ImageView<const T> image, const FrameLevel& level) {
+  regions_.grow(image, {.background = background_,
+                        .level = level,
+                        .threshold_sigma = settings_.threshold_sigma,
+                        .threshold_dn = settings_.threshold_dn,
+                        .saturation_dn = sensor_.saturation_dn,
+                        .attention = attention_});
+}
+
 template <typename T>
 std::size_t CentroidFinder::find_in(ImageView<const T> image, const FrameLevel& level, std::span<Centroid> out) {
-  const auto grow = [&] {
-    regions_.grow(image, background_, level, settings_.threshold_sigma, settings_.threshold_dn, sensor_.saturation_dn);
-  };
-  grow();
+  attention_ = nullptr;
+  grow_regions(image, level);
   if (smeared(image.height())) {
     background_.measure_columns(image);
-    grow();
+    grow_regions(image, level);
   }
-  others_.clear();
-  std::swap(sharp_[0], sharp_[1]);
-  sharp_count_ = {0, sharp_count_[0]};
-  lesson_count_ = 0;
   choose(image, std::min(out.size(), static_cast<std::size_t>(settings_.max_centroids)));
+  return measure_chosen(image, settings_.method, out);
+}
+
+bool CentroidFinder::choose_within(ImageView<const std::uint16_t> image, const Attention& attention,
+                                   const FrameLevel& level, std::size_t wanted) {
+  attention_ = &attention;
+  grow_regions(image, level);
+  for (const Region& region : regions_.all()) {
+    if (region.cut && (region.saturated || region.box.height() > kLongCut)) return false;
+  }
+  choose(image, std::min(wanted, static_cast<std::size_t>(settings_.max_centroids)));
+  if (moving_) look_again();
+  return !moving_;
+}
+
+std::optional<std::size_t> CentroidFinder::glance(ImageView<const std::uint16_t> image, const Attention& attention,
+                                                  std::span<Centroid> out, FrameLevel& level) {
+  level = with_threshold(background_.measure(image, kFewSamples));
+  if (!background_.even() || !choose_within(image, attention, level, out.size())) return std::nullopt;
+  const std::size_t count = measure_chosen(image, CentroidMethod::squared_intensity, out);
+  look_again();
+  return count;
+}
+
+std::optional<std::size_t> CentroidFinder::find_within(ImageView<const std::uint16_t> image, const Attention& attention,
+                                                       const FrameLevel& level, std::span<Centroid> out) {
+  if (!choose_within(image, attention, level, out.size())) return std::nullopt;
+  return measure_chosen(image, settings_.method, out);
+}
+
+void CentroidFinder::look_again() {
+  std::swap(sharp_[0], sharp_[1]);
+  std::swap(sharp_count_[0], sharp_count_[1]);
+}
+
+template <typename T>
+std::size_t CentroidFinder::measure_chosen(ImageView<const T> image, CentroidMethod method, std::span<Centroid> out) {
+  lesson_count_ = lessons_tried_ = 0;
   std::size_t count = 0;
   for (const Candidate& candidate : candidates_) {
     const Region& region = regions_.all()[candidate.region];
     Centroid& centroid = out[count];
     centroid = Centroid{};
-    const bool measured = settings_.method == CentroidMethod::psf_fit ? by_fit(image, candidate, centroid)
-                                                                      : by_squares(image, region, centroid);
+    const bool measured =
+        method == CentroidMethod::psf_fit ? by_fit(image, candidate, centroid) : by_squares(image, region, centroid);
     if (!measured) continue;
     centroid.peak_dn = region.peak;
     centroid.pixels = region.pixels;
@@ -398,10 +456,7 @@ std::size_t CentroidFinder::find_in(ImageView<const T> image, const FrameLevel& 
 
 template <typename T>
 std::size_t CentroidFinder::find_whole(ImageView<const T> image, std::span<Centroid> out, FrameLevel* level) {
-  FrameLevel measured = background_.measure(image);
-  measured.threshold_dn =
-      measured.background_dn +
-      (settings_.threshold_dn > 0.0 ? settings_.threshold_dn : settings_.threshold_sigma * measured.noise_dn);
+  const FrameLevel measured = with_threshold(background_.measure(image));
   if (level != nullptr) *level = measured;
   return find_in(image, measured, out);
 }

@@ -11,6 +11,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -45,6 +46,16 @@ class CentroidFinder {
   std::size_t find(ImageView<const std::uint8_t> image, std::span<Centroid> out, FrameLevel* level = nullptr);
   std::size_t find(ImageView<const std::uint16_t> image, std::span<Centroid> out, FrameLevel* level = nullptr);
   std::size_t find(ImageView<const float> image, std::span<Centroid> out, FrameLevel* level = nullptr);
+
+  // Only where something is expected. Nothing where that will not do and the whole frame must be looked at: an uneven
+  // background, a saturated spot or one all along a column that reaches beyond, a turning camera. At first a glance:
+  // level and rough places, of which nothing is remembered.
+  std::optional<std::size_t> glance(ImageView<const std::uint16_t> image, const Attention& attention,
+                                    std::span<Centroid> out, FrameLevel& level);
+  std::optional<std::size_t> find_within(ImageView<const std::uint16_t> image, const Attention& attention,
+                                         const FrameLevel& level, std::span<Centroid> out);
+  // The next frame is the last one once more: what was remembered of the one before stays.
+  void look_again();
 
   // Where the level is known to the caller (threshold included).
   std::size_t find_above(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<Centroid> out);
@@ -90,6 +101,13 @@ class CentroidFinder {
   std::size_t find_whole(ImageView<const T> image, std::span<Centroid> out, FrameLevel* level);
   template <typename T>
   std::size_t find_in(ImageView<const T> image, const FrameLevel& level, std::span<Centroid> out);
+  FrameLevel with_threshold(FrameLevel level) const;
+  template <typename T>
+  void grow_regions(ImageView<const T> image, const FrameLevel& level);
+  template <typename T>
+  std::size_t measure_chosen(ImageView<const T> image, CentroidMethod method, std::span<Centroid> out);
+  bool choose_within(ImageView<const std::uint16_t> image, const Attention& attention, const FrameLevel& level,
+                     std::size_t wanted);
   template <typename T>
   void choose(ImageView<const T> image, std::size_t wanted);
   Mat2 common_motion();
@@ -112,6 +130,7 @@ class CentroidFinder {
   PsfBelief psf_;
   Background background_;
   Regions regions_;
+  const Attention* attention_ = nullptr;  // of this frame; nullptr: everywhere
   struct Ranked {
     double light;
     std::uint32_t region;
@@ -120,10 +139,10 @@ class CentroidFinder {
   std::vector<Candidate> candidates_;
   std::vector<Centroid> others_;
   std::vector<double> excess_;
-  // A frame's. Some dozens settle the belief, and then one a frame follows its drift.
+  // A frame's. Some dozens settle the belief; then one a frame, of at most two stars that are tried, follows its drift.
   static constexpr std::size_t kFirstLessons = 48;
   std::array<Lesson, 4> lessons_;
-  std::size_t lesson_count_ = 0, lessons_learnt_ = 0;
+  std::size_t lesson_count_ = 0, lessons_tried_ = 0, lessons_learnt_ = 0;
   // Pixels that were sharper than any star, in this frame and in the last.
   static constexpr std::size_t kSharp = 256;
   std::array<std::array<Pixel, kSharp>, 2> sharp_;

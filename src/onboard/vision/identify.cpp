@@ -213,6 +213,7 @@ bool Identifier::search(std::span<const Centroid> spots, const Observer& observe
 Result<Identification> Identifier::lost_in_space(std::span<const Centroid> spots, const Observer& observer,
                                                  std::span<MatchedStar> matches) {
   Identification out;
+  attention_ = nullptr;
   expected_ = 0.0;
   looked_at_ = 0;
   turned_.clear();
@@ -269,14 +270,42 @@ Result<Identification> Identifier::lost_in_space(std::span<const Centroid> spots
 
 Result<Identification> Identifier::track(std::span<const Centroid> spots, const Observer& observer,
                                          const Mat3& prior_R_CN, double radius_px, std::span<MatchedStar> matches) {
+  attention_ = nullptr;
+  return follow(spots, observer, {prior_R_CN, radius_px, 2, 1.0, settings_.min_tracked, false, false}, matches);
+}
+
+Result<Identification> Identifier::track_within(std::span<const Centroid> spots, const Attention& attention,
+                                                const Mat3& prior_R_CN, double radius_px,
+                                                std::span<MatchedStar> matches) {
+  attention_ = &attention;
+  return follow(spots, {}, {prior_R_CN, radius_px, 2, 1.0, settings_.min_tracked, false, true}, matches);
+}
+
+Result<Identification> Identifier::follow(std::span<const Centroid> spots, const Observer& observer, const Claim& claim,
+                                          std::span<MatchedStar> matches) {
   Identification out;
   camera_ = believed_;
   pixel_rad_ = camera_.plate_scale_rad_px();
   mirrored_ = false;
   load_spots(spots);
   out.hypotheses = 1;
-  if (judge(spots, observer, {prior_R_CN, radius_px, 2, 1.0, settings_.min_tracked, false}, out, matches)) return out;
+  if (judge(spots, observer, claim, out, matches)) return out;
   return fail(ErrorCode::no_match, "the stars are not where the prior attitude puts them");
+}
+
+void Identifier::gather(const Observer& observer, const Mat3& prior_R_CN, std::size_t most) {
+  // More than half of the cone about the frame is the frame.
+  gather_stars(prior_R_CN, observer, 2 * most);
+}
+
+std::size_t Identifier::place(const Mat3& R_CN, std::span<Pixel> out) const {
+  std::size_t count = 0;
+  for (const Star& star : stars_) {
+    if (count == out.size()) break;
+    const Result<Pixel> pixel = project(believed_, R_CN * star.direction_N);
+    if (pixel && in_frame(*pixel)) out[count++] = *pixel;
+  }
+  return count;
 }
 
 }  // namespace astronav::vision

@@ -14,6 +14,7 @@
 #include <span>
 #include <vector>
 
+#include "onboard/vision/attention.h"
 #include "onboard/vision/attitude.h"
 #include "onboard/vision/pair_index.h"
 #include "onboard/vision/star_field.h"
@@ -74,6 +75,13 @@ class Identifier {
   // `radius_px`: how far off the prior may put the stars. no_match where it does not hold.
   Result<Identification> track(std::span<const Centroid> spots, const Observer& observer, const Mat3& prior_R_CN,
                                double radius_px, std::span<MatchedStar> matches);
+  // The same with the spots of a part of the frame: stars count there alone. After gather() of the same frame.
+  Result<Identification> track_within(std::span<const Centroid> spots, const Attention& attention,
+                                      const Mat3& prior_R_CN, double radius_px, std::span<MatchedStar> matches);
+  // The field's stars about a prior attitude, so many that `most` of them are in the frame where there are as many.
+  void gather(const Observer& observer, const Mat3& prior_R_CN, std::size_t most);
+  // Where an attitude puts the brightest of them that are in the frame; returns how many were written.
+  std::size_t place(const Mat3& R_CN, std::span<Pixel> out) const;
   // Of the last answer: spots that lie on a catalogue star of their brightness, whether it took part in the fit or not.
   std::span<const unsigned char> on_star() const { return on_star_; }
 
@@ -84,6 +92,7 @@ class Identifier {
     Pixel pixel;              // predicted
     std::int32_t spot = -1;
     bool visible = false;
+    bool attended = true;  // in the part of the frame that is looked at
   };
   struct Candidate {
     std::uint16_t a, b, c;
@@ -105,11 +114,14 @@ class Identifier {
     double expected = 1.0;  // how many such hypotheses chance makes
     int min_matched = 0;
     bool free_focal = false;
+    bool gathered = false;  // stars_ are there
   };
 
   // identify.cpp: from spots to hypotheses.
   void load_spots(std::span<const Centroid> spots);
   void choose_asterism_spots(std::span<const Centroid> spots, std::size_t count, int neighbours);
+  Result<Identification> follow(std::span<const Centroid> spots, const Observer& observer, const Claim& claim,
+                                std::span<MatchedStar> matches);
   double typical_sigma_px(std::span<const Centroid> spots) const;
   bool search(std::span<const Centroid> spots, const Observer& observer, const Search& how, Identification& out,
               std::span<MatchedStar> matches);
@@ -123,12 +135,14 @@ class Identifier {
             std::size_t enough);
   void drop_mixed(std::span<const Centroid> spots);
   void drop_wrong_brightness(std::span<const Centroid> spots);
+  bool in_frame(const Pixel& pixel) const;
   double zero_point(const Star& star, std::span<const Centroid> spots) const;
   void mark_stars(std::span<const Centroid> spots, double radius_px);
   double unexplained_sigma_px();
   Result<AttitudeFit> fit(const AttitudeFit& start, AttitudeOptions options);
   std::optional<AttitudeFit> fit_bent(const AttitudeFit& start, const AttitudeFit& straight, AttitudeOptions& options);
   double chance(std::span<const Centroid> spots, const Claim& claim, double radius_px) const;
+  void attend(const Mat3& R_CN);
   bool judge(std::span<const Centroid> spots, const Observer& observer, const Claim& claim, Identification& out,
              std::span<MatchedStar> matches);
 
@@ -138,10 +152,11 @@ class Identifier {
   Intrinsics camera_;  // as tried just now: with another focal length where that is not known
   IdentifySettings settings_;
   double pixel_rad_ = 0.0;
-  bool mirrored_ = false;       // tried just now
-  std::int64_t looked_at_ = 0;  // entries of the pair index
-  double zero_point_ = 0.0;     // of the stars' magnitudes, NaN where too few tell it
-  double expected_ = 0.0;       // chance hypotheses among all that were looked up
+  bool mirrored_ = false;                 // tried just now
+  const Attention* attention_ = nullptr;  // what the spots are of; nullptr: the whole frame
+  std::int64_t looked_at_ = 0;            // entries of the pair index
+  double zero_point_ = 0.0;               // of the stars' magnitudes, NaN where too few tell it
+  double expected_ = 0.0;                 // chance hypotheses among all that were looked up
 
   std::vector<Centroid> turned_;           // a mirrored picture's spots, turned right
   std::vector<Vec3> spot_C_;               // directions of all spots

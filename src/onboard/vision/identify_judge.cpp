@@ -53,6 +53,20 @@ void Identifier::gather_stars(const Mat3& R_CN, const Observer& observer, std::s
     stars_.push_back({.direction_N = places.of(all[star->star]), .field = star->star, .pixel = {}});
 }
 
+void Identifier::attend(const Mat3& R_CN) {
+  for (Star& star : stars_) {
+    const Result<Pixel> pixel = project(camera_, R_CN * star.direction_N);
+    star.attended = false;
+    if (!pixel || !in_frame(*pixel)) continue;
+    const int u = static_cast<int>(std::lround(pixel->u)), v = static_cast<int>(std::lround(pixel->v));
+    star.attended = attention_->covers({u, v, u, v});
+  }
+}
+
+bool Identifier::in_frame(const Pixel& pixel) const {
+  return pixel.u > -0.5 && pixel.v > -0.5 && pixel.u < camera_.width_px - 0.5 && pixel.v < camera_.height_px - 0.5;
+}
+
 // Pairs every star, bright ones first, with the nearest spot, until there are `enough`. Fills sights_; returns their
 // number.
 int Identifier::match(std::span<const Centroid> spots, const Mat3& R_CN, const Intrinsics& camera, double radius_px,
@@ -66,9 +80,9 @@ int Identifier::match(std::span<const Centroid> spots, const Mat3& R_CN, const I
   }
   for (std::size_t k = 0; k < stars_.size() && sights_.size() < enough; ++k) {
     Star& star = stars_[k];
+    if (!star.attended) continue;
     const Result<Pixel> pixel = project(camera, R_CN * star.direction_N);
-    star.visible = pixel.has_value() && pixel->u > -0.5 && pixel->v > -0.5 && pixel->u < camera.width_px - 0.5 &&
-                   pixel->v < camera.height_px - 0.5;
+    star.visible = pixel.has_value() && in_frame(*pixel);
     if (!star.visible) continue;
     star.pixel = *pixel;
     const int x0 = tile(star.pixel.u - radius_px, grid_width_), x1 = tile(star.pixel.u + radius_px, grid_width_);
@@ -244,7 +258,8 @@ double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, d
   int visible = 0, used = 0;
   for (const Star& star : stars_) visible += star.visible;
   for (const StarSight& sight : sights_) used += sight.used;
-  const double area = static_cast<double>(camera_.width_px) * camera_.height_px;
+  const double area =
+      attention_ != nullptr ? attention_->area_px() : static_cast<double>(camera_.width_px) * camera_.height_px;
   // Three parameters were fitted: the matches lie nearer to their stars than they did before.
   const double spent = 2.0 * used / std::max(1.0, 2.0 * used - 3.0);
   const int all = static_cast<int>(spots.size());
@@ -272,7 +287,8 @@ double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, d
 
 bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer, const Claim& claim,
                        Identification& out, std::span<MatchedStar> matches) {
-  gather_stars(claim.R_CN, observer, spots.size());
+  if (!claim.gathered) gather_stars(claim.R_CN, observer, spots.size());
+  if (attention_ != nullptr) attend(claim.R_CN);
   AttitudeFit fitted;
   fitted.R_CN = claim.R_CN;
   fitted.camera = camera_;

@@ -13,10 +13,9 @@ namespace {
 // How many spots that are neither stars nor planets fall by chance on a pixel (and on a magnitude, where brightness is
 // used: those about as bright as the planet are counted). The planet itself is one of them, and half a spot stands for
 // what has not shown up in this frame.
-double clutter_density(const PlanetPrediction& prediction, const Intrinsics& camera, std::span<const Centroid> spots,
+double clutter_density(const PlanetPrediction& prediction, double area, std::span<const Centroid> spots,
                        std::span<const unsigned char> is_star) {
   constexpr double kHalfSpot = 0.5, kAboutAsBrightMag = 1.5;
-  const double area = static_cast<double>(camera.width_px) * camera.height_px;
   const bool by_brightness = prediction.expected_flux_dn > 0.0;
   int alike = 0;
   for (std::size_t i = 0; i < spots.size(); ++i) {
@@ -45,13 +44,14 @@ Result<PredictedPixel> predict_pixel(const PlanetPrediction& prediction, const A
 
 PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSolution& attitude,
                         std::span<const Centroid> spots, std::span<const unsigned char> is_star,
-                        const PlanetSettings& settings) {
+                        const PlanetSettings& settings, double area_px) {
   PlanetMatch match;
   match.body = prediction.body;
   const Result<PredictedPixel> predicted = predict_pixel(prediction, attitude);
   if (!predicted) return match;
   match.predicted = predicted->pixel;
-  const double clutter = clutter_density(prediction, attitude.intrinsics, spots, is_star);
+  const double frame_px = static_cast<double>(attitude.intrinsics.width_px) * attitude.intrinsics.height_px;
+  const double clutter = clutter_density(prediction, area_px > 0.0 ? area_px : frame_px, spots, is_star);
   double best = 0.0, sum = 0.0;  // likelihoods, as densities by the same
   for (std::size_t i = 0; i < spots.size(); ++i) {
     if (is_star[i]) continue;

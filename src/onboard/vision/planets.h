@@ -36,10 +36,10 @@ struct PredictedPixel {
 };
 Result<PredictedPixel> predict_pixel(const PlanetPrediction& prediction, const AttitudeSolution& attitude);
 
-// `is_star[i]`: spot i is a star, or another planet.
+// `is_star[i]`: spot i is a star, or another planet. `area_px`: the spots are those of so much of the frame; 0: of all.
 PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSolution& attitude,
                         std::span<const Centroid> spots, std::span<const unsigned char> is_star,
-                        const PlanetSettings& settings = {});
+                        const PlanetSettings& settings = {}, double area_px = 0.0);
 
 // Where a body was seen last. A spot that was taken for it by mistake is not at the same place among the stars again.
 class PlanetMemory {

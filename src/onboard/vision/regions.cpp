@@ -66,6 +66,18 @@ std::uint64_t bits_above(const T* row, int begin, int count, Above above) {
   return bits;
 }
 
+// No processor guesses where the next square lies: rows are called from memory before they are needed.
+constexpr int kRowsAhead = 8;
+template <typename T>
+void fetch_ahead(ImageView<const T> image, const Attention& attention, int v) {
+  constexpr int kLinePx = 64 / sizeof(T);
+  if (v >= image.height()) return;
+  const T* row = image.row(v);
+  for (int block = attention.next_block(v, 0); block >= 0; block = attention.next_block(v, block + 1)) {
+    for (int u = 0; u < kBlock; u += kLinePx) __builtin_prefetch(row + block * kBlock + u);
+  }
+}
+
 }  // namespace
 
 Window grown(const Window& window, int margin, int width, int height) {
@@ -80,8 +92,7 @@ Regions::Regions() {
 }
 
 template <typename T>
-void Regions::add_run(ImageView<const T> image, const Background& background, double saturation_dn, int v, int u0,
-                      int u1) {
+void Regions::add_run(ImageView<const T> image, const Search& search, int v, int u0, int u1) {
   if (runs_.size() == kMaxRuns) {
     overflowed_ = true;
     return;
@@ -95,19 +106,21 @@ void Regions::add_run(ImageView<const T> image, const Background& background, do
   }
   // The saturated part of the run: its wings may reach far beyond.
   int s0 = u0, s1 = u0 - 1;
-  if (static_cast<double>(peak) >= saturation_dn) {
+  if (static_cast<double>(peak) >= search.saturation_dn) {
     s1 = u1;
-    while (static_cast<double>(row[s0]) < saturation_dn) ++s0;
-    while (static_cast<double>(row[s1]) < saturation_dn) --s1;
+    while (static_cast<double>(row[s0]) < search.saturation_dn) ++s0;
+    while (static_cast<double>(row[s1]) < search.saturation_dn) --s1;
   }
   const int middle = (u0 + u1) / 2;
-  const double under = background.even()
-                           ? level_dn_
-                           : background.at({static_cast<double>(middle), static_cast<double>(v)}).under(middle, v);
+  const double under =
+      search.background.even()
+          ? search.level.background_dn
+          : search.background.at({static_cast<double>(middle), static_cast<double>(v)}).under(middle, v);
   runs_.push_back({static_cast<std::int32_t>(runs_.size()), static_cast<std::int16_t>(v), static_cast<std::int16_t>(u0),
                    static_cast<std::int16_t>(u1), static_cast<std::int16_t>(s0), static_cast<std::int16_t>(s1),
                    static_cast<float>(sum - under * (u1 - u0 + 1)),
-                   static_cast<float>(static_cast<double>(peak) - under)});
+                   static_cast<float>(static_cast<double>(peak) - under),
+                   search.attention != nullptr && !search.attention->covers({u0 - 1, v - 1, u1 + 1, v + 1})});
 }
 
 std::int32_t Regions::root(std::int32_t run) {
@@ -131,18 +144,28 @@ void Regions::join_rows(std::size_t above_first, std::size_t above_last, std::si
 }
 
 template <typename T, typename Above>
-void Regions::collect_row(ImageView<const T> image, const Background& background, int v, double saturation_dn,
-                          Above above) {
+void Regions::collect_row(ImageView<const T> image, const Search& search, int v, Above above) {
   const T* row = image.row(v);
   int start = -1;  // of a run that is not at its end
   for (int block = 0; block < image.width(); block += kBlock) {
+    if (search.attention != nullptr) {
+      const int next = search.attention->next_block(v, block / kBlock);
+      if (start >= 0 && next != block / kBlock) {
+        add_run(image, search, v, start, block - 1);
+        start = -1;
+      }
+      if (next < 0) return;
+      block = next * kBlock;
+    }
     const int count = std::min(kBlock, image.width() - block);
+    const std::uint64_t looked_at =
+        search.attention == nullptr ? ~std::uint64_t{0} : search.attention->bits(v, block / kBlock);
     std::uint64_t bright = 0;
-    if (count < kBlock || above.any(row, block)) bright = bits_above(row, block, count, above);
+    if (count < kBlock || above.any(row, block)) bright = bits_above(row, block, count, above) & looked_at;
     if (start >= 0) {
       const int more = std::countr_one(bright);
       if (more == kBlock) continue;
-      add_run(image, background, saturation_dn, v, start, block + more - 1);
+      add_run(image, search, v, start, block + more - 1);
       start = -1;
       bright &= bright + 1;  // without the lowest ones
     }
@@ -152,34 +175,33 @@ void Regions::collect_row(ImageView<const T> image, const Background& background
         start = block + first;
         break;
       }
-      add_run(image, background, saturation_dn, v, block + first, block + first + length - 1);
+      add_run(image, search, v, block + first, block + first + length - 1);
       bright &= bright + (std::uint64_t{1} << first);
     }
   }
-  if (start >= 0) add_run(image, background, saturation_dn, v, start, image.width() - 1);
+  if (start >= 0) add_run(image, search, v, start, image.width() - 1);
 }
 
 template <typename T>
-void Regions::grow(ImageView<const T> image, const Background& background, const FrameLevel& level,
-                   double threshold_sigma, double threshold_dn, double saturation_dn) {
+void Regions::grow(ImageView<const T> image, const Search& search) {
   overflowed_ = false;
-  level_dn_ = level.background_dn;
   runs_.clear();
   T constant;
   if constexpr (std::is_integral_v<T>) {
     const double largest = std::numeric_limits<T>::max();
-    constant = static_cast<T>(std::clamp(std::floor(level.threshold_dn), 0.0, largest));
+    constant = static_cast<T>(std::clamp(std::floor(search.level.threshold_dn), 0.0, largest));
   } else {
-    constant = static_cast<T>(level.threshold_dn);
+    constant = static_cast<T>(search.level.threshold_dn);
   }
   std::size_t above_first = 0, above_last = 0;
   for (int v = 0; v < image.height() && !overflowed_; ++v) {
     const std::size_t first = runs_.size();
-    if (background.even()) {
-      collect_row(image, background, v, saturation_dn, Constant<T>{constant});
+    if (search.attention != nullptr) fetch_ahead(image, *search.attention, v + kRowsAhead);
+    if (search.background.even()) {
+      collect_row(image, search, v, Constant<T>{constant});
     } else {
-      const auto line = background.threshold_row(v, threshold_sigma, threshold_dn, image.width());
-      collect_row(image, background, v, saturation_dn, Varying<T>{line.data()});
+      const auto line = search.background.threshold_row(v, search.threshold_sigma, search.threshold_dn, image.width());
+      collect_row(image, search, v, Varying<T>{line.data()});
     }
     const std::size_t last = runs_.size();
     join_rows(above_first, above_last, first, last);
@@ -189,12 +211,9 @@ void Regions::grow(ImageView<const T> image, const Background& background, const
   collect_regions();
 }
 
-template void Regions::grow<std::uint8_t>(ImageView<const std::uint8_t>, const Background&, const FrameLevel&, double,
-                                          double, double);
-template void Regions::grow<std::uint16_t>(ImageView<const std::uint16_t>, const Background&, const FrameLevel&, double,
-                                           double, double);
-template void Regions::grow<float>(ImageView<const float>, const Background&, const FrameLevel&, double, double,
-                                   double);
+template void Regions::grow<std::uint8_t>(ImageView<const std::uint8_t>, const Search&);
+template void Regions::grow<std::uint16_t>(ImageView<const std::uint16_t>, const Search&);
+template void Regions::grow<float>(ImageView<const float>, const Search&);
 
 void Regions::collect_regions() {
   regions_.clear();
@@ -217,6 +236,7 @@ void Regions::collect_regions() {
     Region& region = regions_[index];
     widen(region.box, run.u0, run.v, run.u1);
     region.pixels += run.u1 - run.u0 + 1;
+    region.cut |= run.cut;
     region.sum += run.sum;
     region.peak = std::max(region.peak, static_cast<double>(run.peak));
     if (run.s0 <= run.s1) {

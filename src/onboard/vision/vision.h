@@ -26,8 +26,8 @@ struct VisionSettings {
   double prior_radius_px = 15.0;  // how far off a prior attitude may put the stars
   // With a prior attitude only the surroundings of so many of the brightest stars, and of the planets, are looked at;
   // the whole frame where that does not convince. 0: always the whole frame.
-  std::size_t guide_stars = 60;
-  std::size_t first_guides = 12;  // looked for in the whole radius; where they are tells where the others must be
+  std::size_t guide_stars = 40;
+  std::size_t first_guides = 10;  // looked for in the whole radius; where they are tells where the others must be
   std::size_t max_planets = 16;
 };
 

@@ -156,6 +156,10 @@ TEST(Vision, FollowsAPriorAndAllocatesNothing) {
     const long with_prior = g_allocations;
     const AttitudeSource source = tracked.source;
     const double ms = tracked.time_ms.total;
+    EXPECT_FALSE(tracked.whole);
+    const Vec3 theta = -rotation_log(scene.R_CN * tracked.attitude.R_CN.transpose());
+    // False alarm 1 in 100,000 for each of five.
+    EXPECT_LT(theta.dot(tracked.attitude.covariance_rad2.inverse() * theta), 25.9);
     const FrameResult& lost = vision.process(scene.image, scene.observer);
     g_counting = false;
     EXPECT_EQ(source, AttitudeSource::prior);
@@ -164,6 +168,55 @@ TEST(Vision, FollowsAPriorAndAllocatesNothing) {
     EXPECT_EQ(g_allocations, 0);
     std::printf("  tracked in %.2f ms\n", ms);
   }
+}
+
+// The spots about what is expected are those that a look at the whole frame finds there.
+TEST(Vision, SeesThePartsAsItSeesTheWhole) {
+  const Truth truth;
+  Vision parts({}, camera20(), testing::believed(truth), sky().field, sky().index);
+  VisionSettings everywhere;
+  everywhere.guide_stars = 0;
+  Vision whole(everywhere, camera20(), testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 12, .purpose = "parts"});
+  for (int k = 0; k < 3; ++k) {
+    Scene scene{moving(), random_attitude(random)};
+    paint(scene, truth, camera20(), random);
+    const FrameResult& some = parts.process(scene.image, scene.observer, scene.R_CN);
+    const FrameResult& all = whole.process(scene.image, scene.observer, scene.R_CN);
+    ASSERT_FALSE(some.whole);
+    ASSERT_TRUE(all.whole);
+    EXPECT_GT(some.stars.size(), 30u);
+    EXPECT_LT(some.centroids.size(), all.centroids.size());
+    for (const MatchedStar& star : some.stars) {
+      const Centroid& spot = some.centroids[star.centroid];
+      bool found = false;
+      for (const Centroid& other : all.centroids) {
+        // Level and belief differ a little, and what they move a spot by is far below its noise.
+        const Vec2 off = other.pixel.vec() - spot.pixel.vec();
+        found |= off.norm() < 0.2 * std::sqrt(spot.covariance_px2.trace()) && other.pixels == spot.pixels;
+      }
+      EXPECT_TRUE(found) << "star " << star.id << " at " << spot.pixel.u << ", " << spot.pixel.v;
+    }
+  }
+}
+
+// A prior that is wrong by a degree, and a sky that no level fits: the whole frame is looked at.
+TEST(Vision, LooksAtTheWholeWhereThePartsDoNotConvince) {
+  const Truth truth;
+  Vision vision({}, camera20(), testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 13, .purpose = "whole"});
+  Scene scene{moving(), random_attitude(random)};
+  paint(scene, truth, camera20(), random);
+  const Mat3 wrong = rotation_exp(Vec3(0.0, 1.0 * kDegree, 0.0)) * scene.R_CN;
+  const FrameResult& lost = vision.process(scene.image, scene.observer, wrong);
+  EXPECT_TRUE(lost.whole);
+  EXPECT_EQ(lost.source, AttitudeSource::lost_in_space);
+  for (int v = 0; v < 1024; ++v) {
+    for (int u = 0; u < 1024; ++u) scene.image(u, v) = static_cast<std::uint16_t>(scene.image(u, v) + u / 8);
+  }
+  const FrameResult& uneven = vision.process(scene.image, scene.observer, scene.R_CN);
+  EXPECT_TRUE(uneven.whole);
+  EXPECT_EQ(uneven.source, AttitudeSource::prior);
 }
 
 PlanetPrediction prediction_of(BodyId body, const Vec3& direction_N, double sigma_rad, double electrons,
