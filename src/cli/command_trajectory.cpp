@@ -264,6 +264,7 @@ void add_trajectory(CLI::App& app, Invocation& invocation) {
   add_trajectory_low_thrust(*sub, invocation);
   add_trajectory_fly(*sub, invocation);
   add_trajectory_porkchop(*sub, invocation);
+  add_trajectory_arrival(*sub, invocation);
 }
 
 }  // namespace astronav::cli

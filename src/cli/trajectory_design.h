@@ -13,6 +13,7 @@ namespace astronav::cli {
 void add_trajectory_design(CLI::App& trajectory, Invocation& invocation);
 void add_trajectory_low_thrust(CLI::App& trajectory, Invocation& invocation);
 void add_trajectory_fly(CLI::App& trajectory, Invocation& invocation);
+void add_trajectory_arrival(CLI::App& trajectory, Invocation& invocation);
 void add_trajectory_porkchop(CLI::App& trajectory, Invocation& invocation);
 
 // With the date of today as that of its creation. unsupported where the path asks for an SPK kernel.

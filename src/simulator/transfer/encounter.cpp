@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <Eigen/Eigenvalues>
 
@@ -92,6 +93,36 @@ Result<BPlaneError> b_plane_error(const State& relative, const Eigen::Matrix<dou
   if (major.x() < 0.0 || (major.x() == 0.0 && major.y() < 0.0)) major = -major;
   out.angle_rad = std::atan2(major.y(), major.x());
   return out;
+}
+
+Result<Epoch> closest_approach(const dynamics::ForceModel& forces, const Ephemeris& ephemeris, BodyId planet,
+                               Epoch from, const State& state, Epoch until) {
+  const auto arc = dynamics::propagate(forces, state, from, until);
+  if (!arc) return forward(arc);
+  Epoch best = from;
+  double least = 0.0;
+  // By the hour, then by the minute around the best hour.
+  for (const double step_s : {3600.0, 60.0}) {
+    const Duration reach = Duration::seconds(3600.0);
+    const Epoch begin = step_s == 3600.0 ? from : std::max(from, best - reach);
+    const Epoch end = step_s == 3600.0 ? until : std::min(until, best + reach);
+    least = std::numeric_limits<double>::infinity();
+    for (Epoch e = begin; e <= end; e = e + Duration::seconds(step_s)) {
+      const auto planet_O = ephemeris.state(planet, body::solar_system_barycenter, e);
+      if (!planet_O) return forward(planet_O);
+      const double distance = (arc->at(e).value().p_m - planet_O->p_m).norm();
+      if (distance < least) {
+        least = distance;
+        best = e;
+      }
+    }
+  }
+  const Duration edge = Duration::seconds(120.0);
+  if (best - from < edge || until - best < edge) {
+    return fail(ErrorCode::not_found, "the spacecraft does not pass the planet: it is nearest, {0} km, at {s}",
+                {least * 1e-3}, {}, best.iso());
+  }
+  return best;
 }
 
 Result<BPlaneError> arrival_error(const dynamics::ForceModel& forces, const Ephemeris& ephemeris, BodyId planet,

@@ -49,8 +49,13 @@ struct BPlaneError {
 Result<BPlaneError> b_plane_error(const State& relative, const Eigen::Matrix<double, 6, 6>& covariance, double gm_m3_s2,
                                   const Vec3& pole = Vec3::UnitZ());
 
-// The same of a state far from the planet: barycentric, at `from`, carried to `to` (on the planet's approach) under all
-// forces, and its covariance with the derivatives of that flight.
+// When a barycentric state at `from` passes the planet, to a minute: the least distance before `until` under all
+// forces. not_found where it only comes nearer or only goes away.
+Result<Epoch> closest_approach(const dynamics::ForceModel& forces, const Ephemeris& ephemeris, BodyId planet,
+                               Epoch from, const State& state, Epoch until);
+
+// The error of a state far from the planet: barycentric, at `from`, carried to `to` (on the planet's approach) under
+// all forces, and its covariance with the derivatives of that flight.
 Result<BPlaneError> arrival_error(const dynamics::ForceModel& forces, const Ephemeris& ephemeris, BodyId planet,
                                   Epoch from, const State& state, const Eigen::Matrix<double, 6, 6>& covariance,
                                   Epoch to, const Vec3& pole = Vec3::UnitZ());

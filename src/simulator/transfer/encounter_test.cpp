@@ -108,6 +108,12 @@ TEST(BPlane, ArrivalFromAfar) {
   ASSERT_TRUE(e) << describe(e.error());
   EXPECT_NEAR(std::hypot(e->at.b_t_m, e->at.b_r_m), design->miss_distance_m, 0.2 * design->miss_distance_m);
   EXPECT_NEAR(e->at.v_infinity_m_s, design->v_infinity_arrival_m_s.norm(), 20.0);
+  // It passes when the B-plane says, and so near.
+  const Epoch later = design->arrival + Duration::days(5.0);
+  const auto passes = closest_approach(*forces, ephemeris, body::mars, from, state, later);
+  ASSERT_TRUE(passes) << describe(passes.error());
+  EXPECT_NEAR((*passes - to).seconds(), e->at.time_to_pericentre_s, 600.0);
+  EXPECT_EQ(closest_approach(*forces, ephemeris, body::mars, from, state, to).error().code, ErrorCode::not_found);
   // Coasting straight on, 1 cm/s and 10 to 20 km become 27 to 40 km; Mars bends that little at this distance.
   EXPECT_GT(e->semi_minor_m, 20e3);
   EXPECT_LT(e->semi_major_m, 60e3);
