@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <memory>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -146,11 +145,11 @@ void print_plot(const std::vector<Cycle>& cycles) {
 // innovation ever.
 class Companion {
  public:
-  static Result<Companion> start(const scenario::Scenario& scenario, const Camera& camera, const loop::World& world,
-                                 double sight_sigma_rad) {
+  static Result<std::unique_ptr<Companion>> start(const scenario::Scenario& scenario, const Camera& camera,
+                                                  const loop::World& world, double sight_sigma_rad) {
     const auto settings = loop::filter_settings(scenario, camera, loop::Level::mil);
     if (!settings) return forward(settings);
-    Companion out(navigation::Filter(*settings, world.ephemeris()), sight_sigma_rad);
+    std::unique_ptr<Companion> out(new Companion(*settings, world.ephemeris(), sight_sigma_rad));
     const Epoch begin = world.trajectory().begin();
     const auto state = world.trajectory().state(begin);
     if (!state) return forward(state);
@@ -160,7 +159,7 @@ class Companion {
       const double sigma = axis < 3 ? belief.initial_position_sigma_km * 1e3 : belief.initial_velocity_sigma_km_s * 1e3;
       initial.covariance(axis, axis) = sigma * sigma;
     }
-    if (const auto started = out.filter_.initialise(initial); !started) return forward(started);
+    if (const auto started = out->filter_.initialise(initial); !started) return forward(started);
     return out;
   }
 
@@ -185,8 +184,8 @@ class Companion {
   }
 
  private:
-  Companion(navigation::Filter filter, double sight_sigma_rad)
-      : filter_(std::move(filter)), sight_sigma_rad_(sight_sigma_rad) {}
+  Companion(const navigation::FilterSettings& settings, const Ephemeris& ephemeris, double sight_sigma_rad)
+      : filter_(settings, ephemeris), sight_sigma_rad_(sight_sigma_rad) {}
   navigation::Filter filter_;
   double sight_sigma_rad_;
 };
@@ -207,7 +206,7 @@ Result<int> run(const Options& options) {
       options.mode == "filter" ? navigation::BeaconMode::filter_merit : navigation::BeaconMode::static_merit;
   settings.slew_s = cycle_settings->slew.seconds();
   settings.window_s = cycle_settings->tracking.seconds();
-  auto companion = Companion::start(*scenario, *camera, **world, settings.sight_sigma_rad);
+  const auto companion = Companion::start(*scenario, *camera, **world, settings.sight_sigma_rad);
   if (!companion) return forward(companion);
 
   const trajectory::Trajectory& trajectory = (*world)->trajectory();
@@ -218,7 +217,7 @@ Result<int> run(const Options& options) {
     const Epoch epoch = timeline.window_begin(i, 0);
     const auto state = trajectory.state(epoch);
     if (!state) return forward(state);
-    const auto covariance = companion->covariance_at(epoch);
+    const auto covariance = (*companion)->covariance_at(epoch);
     if (!covariance) return forward(covariance);
     const auto selection = navigation::select_beacons((*world)->ephemeris(), *state, epoch, settings, &*covariance);
     if (!selection) return forward(selection);
@@ -227,9 +226,9 @@ Result<int> run(const Options& options) {
     for (int window = 0; window < 2; ++window) {
       const Duration half = Duration::nanoseconds(cycle_settings->tracking.nanoseconds() / 2);
       if (pair != nullptr)
-        companion->see(window == 0 ? pair->first : pair->second, timeline.window_begin(i, window) + half);
+        (*companion)->see(window == 0 ? pair->first : pair->second, timeline.window_begin(i, window) + half);
       else if (single != nullptr && window == 0)
-        companion->see(single->body, timeline.window_begin(i, window) + half);
+        (*companion)->see(single->body, timeline.window_begin(i, window) + half);
     }
     cycles.push_back({i, epoch, (epoch - scenario->mission.departure).days(), *selection});
     if (options.json) fmt::print("{}\n", to_json(cycles.back()).dump());

@@ -246,9 +246,9 @@ void add_fix(CLI::App& app, Invocation& invocation) {
   auto options = std::make_shared<Options>();
   CLI::App* sub = app.add_subcommand("fix", "a position from lines of sight alone: planets, or near stars");
   sub->footer(
-      "Examples:\n  astronav fix lor_*.fits --camera lorri --targets near.csv\n"
-      "  astronav fix --epoch '2027-03-01 TDB' --sight earth,250.3791,-23.6087,1 --sight mars,182.8468,2.4912,1");
-  sub->add_option("images", options->images, "FITS with a plate in the header, stars not aberrated");
+      "Example:\n  astronav fix --epoch 2027-03-01 --sight earth,250.379,-23.609,9 --sight mars,182.847,2.491,9");
+  sub->add_option("images", options->images,
+                  "FITS with a plate in the header, stars not aberrated; several of each near star");
   sub->add_option("--targets", options->targets, "CSV of near stars, as Gaia gives them");
   sub->add_option("--camera", options->camera, "measure spots as the flight software does (file or name)");
   sub->add_option("--sight", options->sights, "NAME,RA,DEC,SIGMA_ARCSEC of a planet, degrees; repeated")

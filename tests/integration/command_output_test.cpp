@@ -239,12 +239,33 @@ TEST_F(CommandOutput, Beacons) {
   const auto cycles = objects(astronav("beacons --set conops.cycle_days=50 --json"));
   ASSERT_GT(cycles.size(), 3u);
   expect_fields(cycles[0],
-                {"cycle", "epoch_tdb", "day", "first", "second", "separation_deg", "figure_of_merit_km", "candidates"},
+                {"cycle", "epoch_tdb", "day", "first", "second", "separation_deg", "figure_of_merit_km",
+                 "filter_merit_km", "slew_s", "candidates"},
                 "JSON of `beacons`");
+  // After a first pair the filter knows more than two sights tell.
+  EXPECT_LT(cycles[2]["filter_merit_km"].get<double>(), cycles[2]["figure_of_merit_km"].get<double>());
   expect_fields(cycles[0]["candidates"][0],
                 {"body", "usable", "reason", "magnitude_v", "sun_elongation_deg", "distance_km", "phase_angle_deg",
                  "angular_diameter_arcsec", "nearest_arcsec"},
                 "JSON of `beacons`");
+}
+
+TEST_F(CommandOutput, FixByPlanets) {
+  // From (-1.2e8, 1.0e8, 4.5e7) km, light time counted, rounded to 1e-4 degrees (0.2 arcsec).
+  const auto found = objects(
+      astronav("fix --json --epoch '2027-03-01 TDB' --sight earth,250.3791,-23.6087,1 --sight mars,182.8468,2.4912,1"));
+  ASSERT_EQ(found.size(), 1u);
+  expect_fields(
+      found[0],
+      {"status", "epoch_tdb", "position_km", "sigma_km", "covariance_km2", "chi2", "degrees_of_freedom", "sights"},
+      "JSON of `fix`");
+  expect_fields(found[0]["sights"][0],
+                {"name", "distance_km", "light_time_s", "residual_east_arcsec", "residual_north_arcsec"},
+                "JSON of `fix`");
+  const json& p = found[0]["position_km"];
+  EXPECT_LT(std::hypot(p["x"].get<double>() + 1.2e8, p["y"].get<double>() - 1.0e8, p["z"].get<double>() - 4.5e7), 1e3);
+  EXPECT_EQ(
+      astronav("fix --epoch '2027-03-01 TDB' --sight earth,70.3791,23.6087,1 --sight mars,2.8468,-2.4912,1").status, 3);
 }
 
 TEST_F(CommandOutput, RunLeavesItsFilesAndTellsItsSummary) {
