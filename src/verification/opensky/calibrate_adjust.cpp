@@ -18,6 +18,7 @@ namespace {
 constexpr double kFarOffPx = 1e6;  // residual of a star that falls nowhere
 constexpr double kLeastSigmaPx = 1e-3;
 constexpr int kStarsForScale = 40;
+constexpr double kLossSigma = 3.0;
 constexpr double kMostSurprise = 50.0;  // one star that falls off the rim must not decide between models
 
 using Lens = Eigen::VectorXd;  // changes of the free parameters
@@ -126,8 +127,9 @@ class Bundle {
     for (std::size_t i = 0; i < stars.size(); ++i) out_.used[i] = out_.residuals_px[i].x() < kFarOffPx;
   }
 
-  // One least squares from where the last one ended. `robust`: Cauchy's loss, three sigma wide.
+  // One least squares from where the last one ended. `robust`: Cauchy's loss.
   bool solve(const Scatter& scatter, bool robust, bool with_covariance) {
+    if (out_.R_CN.size() == 1 && !with_covariance) return solve_one(scatter, robust);
     const ByLens map = intrinsics_by_lens(out_.camera, freedom_);
     Lens lens = Lens::Zero(map.cols());
     std::vector<Vec3> theta(out_.R_CN.size(), Vec3::Zero());
@@ -139,7 +141,7 @@ class Bundle {
       const auto frame = static_cast<std::size_t>(stars_[i].frame);
       ++stars_of[frame];
       problem.AddResidualBlock(new StarCost(stars_[i], out_.R_CN[frame], out_.camera, map, scatter),
-                               robust ? new ceres::CauchyLoss(3.0) : nullptr, theta[frame].data(), lens.data());
+                               robust ? new ceres::CauchyLoss(kLossSigma) : nullptr, theta[frame].data(), lens.data());
     }
     for (const int count : stars_of) {
       if (count < 2) return false;
@@ -223,6 +225,76 @@ class Bundle {
   }
 
  private:
+  // Of one picture, where no covariance is asked for: Levenberg and Marquardt's steps without the library, which spends
+  // more time on setting so small a problem up than on solving it.
+  bool solve_one(const Scatter& scatter, bool robust) {
+    constexpr int kMaxSteps = 50;
+    constexpr double kEnough = 1e-9;  // of chi-square, as above
+    if (used() < std::max(2, parameters())) return false;
+    const ByLens map = intrinsics_by_lens(out_.camera, freedom_);
+    // The attitude and all nine parameters; what is held has columns of nothing, and does not change.
+    constexpr int kAll = 12;
+    using Normal = Eigen::Matrix<double, kAll, kAll>;
+    using Change = Eigen::Matrix<double, kAll, 1>;
+    Normal information;
+    Change slope;
+    Eigen::Matrix<double, 2, kAll> jacobian = Eigen::Matrix<double, 2, kAll>::Zero();
+    Eigen::Matrix<double, 9, 9> all_by_lens = Eigen::Matrix<double, 9, 9>::Zero();
+    all_by_lens.leftCols(map.cols()) = map;
+    std::vector<Mat2> weights;
+    for (const StarObservation& star : stars_) weights.push_back(scatter.covariance(star.covariance_px2).inverse());
+    const auto look_at = [&](const Mat3& R_CN, const Intrinsics& camera, bool only_chi_square) {
+      if (!only_chi_square) {
+        information.setZero();
+        information.diagonal().tail(kAll - 3 - map.cols()).setOnes();
+        slope.setZero();
+      }
+      double chi2 = 0.0;
+      for (std::size_t i = 0; i < stars_.size(); ++i) {
+        if (!out_.used[i]) continue;
+        const Vec3 direction_C = R_CN * stars_[i].direction_N;
+        Mat23 by_direction;
+        IntrinsicsJacobian by_intrinsics;
+        const auto predicted = project(camera, direction_C, &by_direction, &by_intrinsics);
+        if (!predicted) return HUGE_VAL;
+        const Vec2 off = stars_[i].pixel.vec() - predicted->vec();
+        const double d2 = off.dot(weights[i] * off), of_loss2 = kLossSigma * kLossSigma;
+        const double pull = robust ? 1.0 / (1.0 + d2 / of_loss2) : 1.0;
+        chi2 += robust ? of_loss2 * std::log1p(d2 / of_loss2) : d2;
+        if (only_chi_square) continue;
+        jacobian.leftCols<3>() = by_direction * cross_matrix(direction_C);
+        jacobian.rightCols<9>() = by_intrinsics * all_by_lens;
+        const Eigen::Matrix<double, kAll, 2> weighted = pull * jacobian.transpose() * weights[i];
+        information.noalias() += weighted * jacobian;
+        slope.noalias() += weighted * off;
+      }
+      return chi2;
+    };
+    double chi2 = look_at(out_.R_CN[0], out_.camera, false);
+    double damping = 1e-4;
+    for (int step = 0; step < kMaxSteps && chi2 < HUGE_VAL && damping < 1e8; ++step) {
+      Normal damped = information;
+      damped.diagonal() *= 1.0 + damping;
+      const Change change = damped.ldlt().solve(slope);
+      if (!change.allFinite()) return false;
+      const Mat3 R_CN = rotation_exp(-change.head<3>()) * out_.R_CN[0];
+      const Intrinsics camera = changed(out_.camera, map, change.segment(3, map.cols()));
+      const double tried = look_at(R_CN, camera, true);
+      if (!(tried <= chi2)) {
+        damping *= 10.0;
+        continue;
+      }
+      const bool done = chi2 - tried <= kEnough * chi2;
+      out_.R_CN[0] = to_matrix(to_quaternion(R_CN));
+      out_.camera = camera;
+      damping *= 0.1;
+      if (done) break;
+      chi2 = look_at(R_CN, camera, false);
+    }
+    look();
+    return chi2 < HUGE_VAL;
+  }
+
   double wanted_chi_square() const { return std::max(1.0, 2.0 * used() - parameters()); }
   double chi_square(const Scatter& scatter) const {
     double sum = 0.0;

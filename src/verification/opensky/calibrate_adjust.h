@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bundle adjustment: one camera and one attitude a picture from stars that are known by name (docs/theory/camera.md
-// eq. 8 to 12), with Ceres Solver.
+// eq. 8 to 12), with Ceres Solver; one picture alone, of which no covariance is asked, without it.
 #pragma once
 
 #include <array>
