@@ -298,8 +298,7 @@ void add_trajectory_design(CLI::App& trajectory, Invocation& invocation) {
   CLI::App* design_app =
       trajectory.add_subcommand("design", "a ballistic transfer between two planets under all forces");
   design_app->footer(
-      "Example:\n  astronav trajectory design --from earth --to mars --departure 2026-11-09 --days 300 --out "
-      "cruise.oem");
+      "Example:\n  astronav trajectory design --to venus --departure 2028-03-25 --days 172 --out cruise.oem");
   design_app->add_option("--from", design->from, "planet of departure")->capture_default_str();
   design_app->add_option("--to", design->to, "planet of arrival")->capture_default_str();
   design_app->add_option("--departure", design->departure, "ISO 8601 with scale (UTC if none)")->required();
@@ -308,7 +307,7 @@ void add_trajectory_design(CLI::App& trajectory, Invocation& invocation) {
       ->check(number_within(1.0, 1e4));
   design_app
       ->add_option("--miss-km", design->miss_km,
-                   "aim point's distance from the planet (default: a fifth of its sphere of influence)")
+                   "aim point from the planet (default: a fifth of its sphere of influence)")
       ->check(number_within(0.0, 1e9));
   design_app->add_option("--coast-in-days", design->coast_in_days, "from departure to where the cruise begins")
       ->capture_default_str()
