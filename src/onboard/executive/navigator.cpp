@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/executive/navigator.h"
 
+#include <algorithm>
 #include <span>
 
 #include "foundation/base/check.h"
@@ -11,11 +12,40 @@ Navigator::Navigator(const NavigatorSettings& settings, const Ephemeris& ephemer
     : settings_(settings), ephemeris_(&ephemeris), eyes_(eyes), filter_(settings.filter, ephemeris) {}
 
 Result<void> Navigator::start(const navigation::InitialState& initial) {
+  thrust_ = kick_ = 0;
+  const auto& [thrust, kicks] = settings_.maneuvers;
+  while (kick_ < kicks.size() && kicks[kick_].epoch < initial.epoch) ++kick_;
+  filter_.set_thrust({});
   return filter_.initialise(initial);
 }
 
+Result<void> Navigator::advance(Epoch epoch) {
+  const auto& [thrust, kicks] = settings_.maneuvers;
+  do {
+    const Epoch now = filter_.epoch();
+    while (thrust_ < thrust.size() && thrust[thrust_].end <= now) ++thrust_;
+    const bool more = thrust_ < thrust.size();
+    const bool firing = more && thrust[thrust_].begin <= now;
+    filter_.set_thrust(firing ? thrust[thrust_].thrust : navigation::Thrust{});
+    for (; kick_ < kicks.size() && kicks[kick_].epoch <= now; ++kick_) {
+      if (const auto ok = filter_.kick(kicks[kick_].delta_v_N_m_s, kicks[kick_].sigma_m_s); !ok) return ok;
+    }
+    Epoch next = epoch;
+    if (more) next = std::min(next, firing ? thrust[thrust_].end : thrust[thrust_].begin);
+    if (kick_ < kicks.size()) next = std::min(next, kicks[kick_].epoch);
+    if (const auto ok = filter_.propagate_to(next); !ok) return ok;
+  } while (filter_.epoch() < epoch);
+  return {};
+}
+
+navigation::UpdateResult Navigator::use(const navigation::BeaconMeasurement& measurement) {
+  // What stands in the way is told by the update.
+  if (measurement.mid_exposure > filter_.epoch()) (void)advance(measurement.mid_exposure);
+  return filter_.update(measurement);
+}
+
 Result<void> Navigator::coast_to(Epoch epoch) {
-  return filter_.propagate_to(epoch);
+  return advance(epoch);
 }
 
 Result<navigation::BeaconSelection> Navigator::select() const {
@@ -23,7 +53,7 @@ Result<navigation::BeaconSelection> Navigator::select() const {
 }
 
 Result<Vec3> Navigator::aim(BodyId body, Epoch epoch) {
-  if (const auto ok = filter_.propagate_to(epoch); !ok) return forward(ok);
+  if (const auto ok = advance(epoch); !ok) return forward(ok);
   const auto predicted = filter_.predict_direction(body);
   if (!predicted) return forward(predicted);
   return predicted->direction_N;
@@ -60,7 +90,7 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
 
 Result<void> Navigator::prepare_window(BodyId beacon, Epoch epoch) {
   if (settings_.exposure == nullptr || eyes_ == nullptr || !settings_.brightness) return {};
-  if (const auto ok = filter_.propagate_to(epoch); !ok) return ok;
+  if (const auto ok = advance(epoch); !ok) return ok;
   const auto planet = predict(beacon, epoch);
   if (!planet) return forward(planet);
   if (!(planet->expected_flux_dn > 0.0)) return {};
@@ -91,7 +121,7 @@ double Navigator::flux_dn(double v_mag, BodyId body) const {
 
 Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon) {
   ASTRONAV_CHECK(eyes_ != nullptr);
-  if (const auto ok = filter_.propagate_to(mid_exposure); !ok) return forward(ok);
+  if (const auto ok = advance(mid_exposure); !ok) return forward(ok);
   const auto prediction = predict(beacon, mid_exposure);
   if (!prediction) return forward(prediction);
 

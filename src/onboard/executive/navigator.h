@@ -19,6 +19,7 @@
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
 #include "models/photometry/photometry.h"
+#include "onboard/executive/maneuvers.h"
 #include "onboard/navigation/beacons.h"
 #include "onboard/navigation/filter.h"
 #include "onboard/vision/exposure.h"
@@ -39,6 +40,7 @@ struct NavigatorSettings {
   std::optional<BrightnessSettings> brightness;  // without it planets are told from stars by place alone
   // Asked before each window; nullptr: always the exposure of `brightness`. Must outlive the navigator.
   const vision::ExposureControl* exposure = nullptr;
+  Maneuvers maneuvers;
 };
 
 // What became of one frame.
@@ -70,11 +72,13 @@ class Navigator {
   // One frame, its mid-exposure epoch, and the beacon that is being tracked. not-found attitude or planet is no error.
   Result<Look> look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon);
   // A measurement that somebody else made.
-  navigation::UpdateResult use(const navigation::BeaconMeasurement& measurement) { return filter_.update(measurement); }
+  navigation::UpdateResult use(const navigation::BeaconMeasurement& measurement);
 
   const navigation::Filter& filter() const { return filter_; }
 
  private:
+  // The filter to an epoch, thrust and kicks on the way.
+  Result<void> advance(Epoch epoch);
   // Where a beacon should be and how bright, as the image processing is told.
   Result<vision::PlanetPrediction> predict(BodyId beacon, Epoch epoch) const;
   void add_moon(vision::PlanetPrediction& prediction, Epoch emitted) const;
@@ -84,6 +88,7 @@ class Navigator {
   const Ephemeris* ephemeris_;
   vision::Vision* eyes_;
   navigation::Filter filter_;
+  std::size_t thrust_ = 0, kick_ = 0;  // the next of each
 };
 
 }  // namespace astronav::executive

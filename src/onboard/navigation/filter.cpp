@@ -109,6 +109,8 @@ Result<void> Filter::initialise(const InitialState& initial) {
   covariance_ = *factors;
   last_body_ = BodyId{};
   last_image_.reset();
+  last_accepted_.reset();
+  accepted_in_window_ = 0;
   rejections_ = {};
   noise_scales_ = {};
   return {};
@@ -203,16 +205,71 @@ void Filter::start_window(const BeaconMeasurement& measurement, const PixelPredi
   x_.segment<2>(index::bias).setZero();
 }
 
-// The rejected innovations agree with each other to within their noise, so it is the state that is wrong: position and
-// velocity covariance grow by the factor that makes the innovations' mean an ordinary one, within a bound.
-bool Filter::recover() {
+// The rejected innovations agree with each other to within their noise, so it is the state that is wrong. Which of its
+// errors would explain their mean?
+bool Filter::recover(const MeasurementMatrix& by_state) {
   const double n = rejections_.count;
-  const double mean2 = (rejections_.sum / n).squaredNorm();
-  const double scatter2 = rejections_.sum2 / n - mean2;
+  const Vec2 mean = rejections_.sum / n;
+  const double scatter2 = rejections_.sum2 / n - mean.squaredNorm();
   if (scatter2 > 4.0 * rejections_.noise / n) return false;
-  const double sigma = std::sqrt(covariance_pv().topLeftCorner<3, 3>().trace());
-  const double wanted = std::sqrt(mean2 / (rejections_.prior / n));
-  const double growth = std::min(wanted, settings_.recovery_max_position_sigma_m / sigma);
+  if (accepted_in_window_ > 0) return undo(by_state, mean);
+  return allow_push(by_state, mean) || allow_displacement(by_state, mean);
+}
+
+// This window said something else before, and that was wrong: an outlier while the gate was wide. Of all changes that
+// explain the mean, b = P H' (H P H')^-1 mean is the least in the covariance's own measure; P + b b' holds it possible,
+// and leaves what it has nothing to do with as it was.
+bool Filter::undo(const MeasurementMatrix& by_state, const Vec2& mean) {
+  const MeasurementMatrix f = by_state * covariance_.u;
+  const Mat2 prior = f * covariance_.d.asDiagonal() * f.transpose();
+  if (!is_covariance(prior)) return false;
+  StateVector change = covariance_.u * covariance_.d.cwiseProduct(f.transpose() * (prior.inverse() * mean));
+  const double moved_m = change.segment<3>(index::position).norm() * unit::length_m;
+  change *= std::min(1.0, settings_.recovery_max_position_m / moved_m);
+  ProcessNoise noise;
+  noise.n.setZero();
+  noise.q.setZero();
+  noise.n.col(0) = change;
+  noise.q[0] = 1.0;
+  time_update(covariance_, StateMatrix::Identity(), noise);
+  return true;
+}
+
+// The state came wrong into the window: somebody pushed the spacecraft, at any time since the last sight that was
+// accepted. A push of variance s^2 an axis then has the covariance s^2 [T^2/3, T/2; T/2, 1] of position and velocity
+// now (gravity's gradient left out); s is such that the mean is an ordinary innovation, with room to spare.
+bool Filter::allow_push(const MeasurementMatrix& by_state, const Vec2& mean) {
+  constexpr double kRoom = 2.0;
+  constexpr double kLeastPause_s = 3600.0;
+  constexpr double kLargestPush_m_s = 1000.0;
+  if (!last_accepted_) return false;
+  const double pause_s = (epoch_ - *last_accepted_).seconds();
+  if (pause_s < kLeastPause_s) return false;
+  const double T = pause_s / unit::time_s;
+  const Mat23 by_position = by_state.middleCols<3>(index::position);
+  const Mat2 of_unit_push = T * T / 3.0 * by_position * by_position.transpose();
+  if (!is_covariance(of_unit_push)) return false;
+  const double push = kRoom * std::sqrt(0.5 * quadratic(mean, of_unit_push));
+  if (push * unit::velocity_m_s > kLargestPush_m_s) return false;
+  ProcessNoise noise;
+  noise.n.setZero();
+  noise.q.setZero();
+  noise.n.block<3, 3>(index::position, 0).diagonal().setConstant(push * T / std::sqrt(3.0));
+  noise.n.block<3, 3>(index::velocity, 0).diagonal().setConstant(push * 0.5 * std::sqrt(3.0));
+  noise.n.block<3, 3>(index::velocity, 3).diagonal().setConstant(push * 0.5);
+  noise.q.head<6>().setOnes();
+  time_update(covariance_, StateMatrix::Identity(), noise);
+  return true;
+}
+
+// Or it was wrong from the start, in no direction more than in another: position and velocity covariance grow until the
+// mean is an ordinary innovation.
+bool Filter::allow_displacement(const MeasurementMatrix& by_state, const Vec2& mean) {
+  const MeasurementMatrix f = by_state * covariance_.u;
+  const Mat2 prior = f * covariance_.d.asDiagonal() * f.transpose();
+  if (!is_covariance(prior)) return false;
+  const double sigma_m = std::sqrt(covariance_pv().topLeftCorner<3, 3>().trace());
+  const double growth = std::min(std::sqrt(0.5 * quadratic(mean, prior)), settings_.recovery_max_position_m / sigma_m);
   if (!(growth > 1.0)) return false;
   StateMatrix phi = StateMatrix::Identity();
   phi.diagonal().head<6>().setConstant(growth);
@@ -221,6 +278,19 @@ bool Filter::recover() {
   none.q.setZero();
   time_update(covariance_, phi, none);
   return true;
+}
+
+Result<void> Filter::kick(const Vec3& delta_v_N_m_s, double sigma_m_s) {
+  if (!delta_v_N_m_s.allFinite() || !(sigma_m_s >= 0.0) || !std::isfinite(sigma_m_s))
+    return fail(ErrorCode::invalid_argument, "a push of {0} m/s with sigma {1} m/s", {delta_v_N_m_s.norm(), sigma_m_s});
+  x_.segment<3>(index::velocity) += delta_v_N_m_s / unit::velocity_m_s;
+  ProcessNoise noise;
+  noise.n.setZero();
+  noise.q.setZero();
+  noise.n.block<3, 3>(index::velocity, 0).setIdentity();
+  noise.q.head<3>().setConstant(std::pow(sigma_m_s / unit::velocity_m_s, 2));
+  time_update(covariance_, StateMatrix::Identity(), noise);
+  return {};
 }
 
 UpdateResult Filter::update(const BeaconMeasurement& measurement) {
@@ -249,6 +319,7 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   if (!same_window) {
     start_window(measurement, prediction->pixel);
     result.window_started = true;
+    accepted_in_window_ = 0;
   }
   last_body_ = measurement.body;
   last_image_ = epoch_;
@@ -276,10 +347,9 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
     rejections_.sum += result.innovation_px;
     rejections_.sum2 += result.innovation_px.squaredNorm();
     rejections_.noise += R.trace();
-    rejections_.prior += prior.trace();
     if (settings_.recovery_rejections <= 0 || rejections_.count < settings_.recovery_rejections)
       return rejected(UpdateReason::gated);
-    result.recovered = recover();
+    result.recovered = recover(h);
     rejections_ = {};
     prior = prior_covariance(h);
     result.innovation_covariance_px2 = prior + R;
@@ -328,6 +398,8 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
       scale->count = memory * scale->count + 2.0;
     }
   }
+  ++accepted_in_window_;
+  last_accepted_ = epoch_;
   result.accepted = true;
   result.reason = UpdateReason::accepted;
   return result;

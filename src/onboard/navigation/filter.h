@@ -47,10 +47,10 @@ struct FilterSettings {
   double photocentre_tau_s = 1000.0 * 86400.0;
 
   double gate_probability = 0.9999;  // measurement editing: chi-square of 2 degrees; 1 takes everything
-  // After this many rejections in a row that agree with each other, the filter doubts itself: position and velocity
-  // covariance grow until the innovations fit. 0: never.
-  int recovery_rejections = 30;
-  double recovery_max_position_sigma_m = 3e8;
+  // After this many rejections in a row that agree with each other, the filter doubts itself: its covariance grows
+  // until they are ordinary. 0: never.
+  int recovery_rejections = 8;
+  double recovery_max_position_m = 3e8;
   int max_iterations = 4;  // of the iterated update; more than one only where the sight bends within the prior
 
   // Scale of R per beacon, learnt from past residuals (expectation-maximisation with an inverse-gamma prior of
@@ -115,6 +115,10 @@ class Filter {
   // At the filter's epoch.
   Result<DirectionPrediction> predict_direction(BodyId body) const;
 
+  // A push at the filter's epoch that is known to `sigma_m_s` per component (N): velocity and its covariance change.
+  // invalid_argument for what is not finite, and a sigma below zero.
+  Result<void> kick(const Vec3& delta_v_N_m_s, double sigma_m_s);
+
   // Thrust from now on, until the next call; force 0 (the default) is the ballistic mode.
   void set_thrust(const Thrust& thrust) { thrust_ = thrust; }
 
@@ -136,7 +140,7 @@ class Filter {
   struct Rejections {
     int count = 0;
     Vec2 sum = Vec2::Zero();
-    double sum2 = 0.0, noise = 0.0, prior = 0.0;  // traces, px2
+    double sum2 = 0.0, noise = 0.0;  // traces, px2
   };
 
   struct Prediction {
@@ -146,7 +150,11 @@ class Filter {
   Result<Prediction> predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
                              const Vec3& p_sun) const;
   void start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction);
-  bool recover();
+  using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;  // of a pixel by the non-dimensional state
+  bool recover(const MeasurementMatrix& by_state);
+  bool undo(const MeasurementMatrix& by_state, const Vec2& mean);
+  bool allow_push(const MeasurementMatrix& by_state, const Vec2& mean);
+  bool allow_displacement(const MeasurementMatrix& by_state, const Vec2& mean);
   int beacon_of(BodyId body) const;  // index into the beacon errors, or -1
   NoiseScale* scale_of(BodyId body);
 
@@ -159,8 +167,9 @@ class Filter {
   StateVector x_ = StateVector::Zero();  // non-dimensional
   FactorisedCovariance covariance_;      // non-dimensional
   BodyId last_body_;
-  std::optional<Epoch> last_image_;
+  std::optional<Epoch> last_image_, last_accepted_;
   Rejections rejections_;
+  int accepted_in_window_ = 0;
   std::array<NoiseScale, 8> noise_scales_{};
 };
 

@@ -2,6 +2,7 @@
 #include "onboard/navigation/filter.h"
 
 #include <atomic>
+#include <functional>
 #include <new>
 
 #include <Eigen/Cholesky>
@@ -148,6 +149,7 @@ class Truth {
     }
   }
   void start_window() { xi_c_.tail<2>() = settings_.bias.sigma * Vec2(random_.normal(), random_.normal()); }
+  void push(const Vec3& delta_v) { state_.v_m_s += delta_v; }
   const State& state() const { return state_; }
   const Eigen::Vector4d& xi_c() const { return xi_c_; }
   RandomStream& random() { return random_; }
@@ -166,14 +168,24 @@ class Truth {
 };
 
 struct Consistency {
-  std::vector<double> nees_of_run;  // mean over the cycles
+  std::vector<double> nees_of_run;                 // mean over the cycles
+  std::vector<std::vector<double>> nees_of_cycle;  // [cycle][run], when its second window ends
   double nis_sum = 0.0;
   long nis_count = 0;
   long rejected = 0;
 };
 
-Consistency fly_campaign(const FilterSettings& truth_settings, const FilterSettings& settings, int runs, int cycles) {
+// What goes wrong in a campaign.
+struct Upsets {
+  // What becomes of an image; false: it is not there.
+  std::function<bool(int cycle, int window, BeaconMeasurement&, RandomStream&)> image = {};
+  std::function<void(int cycle, Truth&, Filter&)> after_cycle = {};
+};
+
+Consistency fly_campaign(const FilterSettings& truth_settings, const FilterSettings& settings, int runs, int cycles,
+                         const Upsets& upsets = {}) {
   Consistency out;
+  out.nees_of_cycle.resize(static_cast<std::size_t>(cycles));
   const Start& start = cruise_start();
   std::vector<std::array<BodyId, 2>> pairs;
   State nominal = start.state;
@@ -196,16 +208,20 @@ Consistency fly_campaign(const FilterSettings& truth_settings, const FilterSetti
               start.epoch + kCycle * cycle + (window ? kSecondWindow : Duration()) + kImagePeriod * image;
           truth.move_to(epoch);
           if (image == 0) truth.start_window();
-          const BeaconMeasurement m = photograph(truth.state(), pairs[cycle][window], epoch, settings.camera, {},
-                                                 &truth.random(), truth.xi_c(), {150.0, -100.0});
+          BeaconMeasurement m = photograph(truth.state(), pairs[cycle][window], epoch, settings.camera, {},
+                                           &truth.random(), truth.xi_c(), {150.0, -100.0});
+          if (upsets.image && !upsets.image(cycle, window, m, truth.random())) continue;
           const UpdateResult result = filter.update(m);
-          EXPECT_EQ(result.window_started, image == 0);
+          if (!upsets.image) EXPECT_EQ(result.window_started, image == 0);
           out.rejected += !result.accepted;
           out.nis_sum += result.nis;
           ++out.nis_count;
         }
       }
-      nees += squared_error(filter, truth.state()) / cycles;
+      const double squared = squared_error(filter, truth.state());
+      out.nees_of_cycle[static_cast<std::size_t>(cycle)].push_back(squared);
+      nees += squared / cycles;
+      if (upsets.after_cycle) upsets.after_cycle(cycle, truth, filter);
     }
     out.nees_of_run.push_back(nees);
   }
@@ -246,6 +262,79 @@ TEST(FilterConsistency, AFilterWithoutTheBiasIsFoundOut) {
   believed.bias.sigma = 0.0;
   const Consistency c = fly_campaign(truth, believed, 8, 6);
   EXPECT_GT(mean(c.nees_of_run), 12.0);
+}
+
+// ---- upsets
+
+// Six runs, something happens; two cycles later, and when the last one ends, the error is what the covariance says.
+void comes_back(const Upsets& upsets, const char* what, int two_cycles_later = 5, int last = 7,
+                double least_nees = 1.0) {
+  constexpr int kRuns = 6;
+  const Consistency c = fly_campaign(campaign_settings(), campaign_settings(), kRuns, last + 1, upsets);
+  // Chi-square with 36 degrees of freedom leaves this band once in a thousand times.
+  const Band band = chi_square_mean_band(0.999, 6.0, kRuns);
+  for (const int cycle : {two_cycles_later, last}) {
+    const double nees = mean(c.nees_of_cycle[static_cast<std::size_t>(cycle)]);
+    EXPECT_GT(nees, least_nees * band.lo) << what << ", cycle " << cycle;
+    EXPECT_LT(nees, band.hi) << what << ", cycle " << cycle;
+  }
+}
+
+TEST(FilterComesBack, AfterALostWindow) {
+  comes_back({.image = [](int cycle, int window, auto&, auto&) { return cycle != 3 || window != 1; }}, "lost window");
+}
+
+TEST(FilterComesBack, AfterThirtyDaysOfSafeMode) {
+  comes_back({.image = [](int cycle, int, auto&, auto&) { return cycle < 3 || cycle > 5; }}, "safe mode", 7, 8);
+}
+
+TEST(FilterComesBack, AfterAProtonStorm) {
+  const auto storm = [](int cycle, int, BeaconMeasurement& m, RandomStream& random) {
+    if (cycle == 3 && random.uniform() < 0.6) m.pixel = {random.uniform(0.0, 1024.0), random.uniform(0.0, 1024.0)};
+    return true;
+  };
+  comes_back({.image = storm}, "proton storm");
+}
+
+TEST(FilterComesBack, AfterTheClockJumpedByASecond) {
+  const auto jumped = [](int cycle, int, BeaconMeasurement& m, RandomStream&) {
+    if (cycle >= 3) m.mid_exposure = m.mid_exposure + Duration::seconds(1.0);
+    return true;
+  };
+  comes_back({.image = jumped}, "clock step");
+}
+
+TEST(FilterComesBack, AfterAManoeuvreWithItsError) {
+  const auto correct = [](int cycle, Truth& truth, Filter& filter) {
+    if (cycle != 3) return;
+    const Vec3 planned(3.0, -2.0, 1.0);
+    constexpr double kExecution = 0.02;
+    Vec3 flown = planned;
+    for (double& v : flown) v += kExecution * planned.norm() * truth.random().normal();
+    truth.push(flown);
+    EXPECT_TRUE(filter.kick(planned, kExecution * planned.norm()));
+  };
+  comes_back({.after_cycle = correct}, "manoeuvre");
+}
+
+// 20 m/s that nobody reported: every sight is refused until the filter doubts itself, and then rather too much.
+TEST(FilterComesBack, AfterAManoeuvreThatItWasNotTold) {
+  const auto push = [](int cycle, Truth& truth, Filter&) {
+    if (cycle == 3) truth.push({15.0, -10.0, 8.0});
+  };
+  comes_back({.after_cycle = push}, "untold manoeuvre", 5, 7, 0.3);
+}
+
+// One sight in twenty is off by ten sigmas: so is the first of some windows, when the gate is still wide.
+TEST(FilterComesBack, FromSightsWithHeavyTails) {
+  const auto tails = [](int, int, BeaconMeasurement& m, RandomStream& random) {
+    if (random.uniform() < 0.05) {
+      m.pixel.u += 0.5 * random.normal();
+      m.pixel.v += 0.5 * random.normal();
+    }
+    return true;
+  };
+  comes_back({.image = tails}, "heavy tails");
 }
 
 // ---- bounds
@@ -600,6 +689,20 @@ TEST_F(FilterUpdate, AdaptiveNoiseLearnsTheScale) {
   }
   EXPECT_NEAR(filter.noise_scale(body::mars), 4.0, 0.6);
   EXPECT_EQ(filter.noise_scale(body::venus), 1.0);
+}
+
+TEST_F(FilterUpdate, AKickMovesVelocityAndItsCovarianceAlone) {
+  Filter filter = started(truth, 1e6, 0.1);
+  const Mat6 before = filter.covariance_pv();
+  const Vec3 push(0.3, -0.2, 0.1);
+  ASSERT_TRUE(filter.kick(push, 0.05));
+  EXPECT_LT((filter.state().v_m_s - truth.v_m_s - push).norm(), 1e-9);
+  EXPECT_LT((filter.state().p_m - truth.p_m).norm(), 1e-3);
+  Mat6 expected = before;
+  expected.diagonal().tail<3>().array() += 0.05 * 0.05;
+  EXPECT_LT((filter.covariance_pv() - expected).cwiseAbs().maxCoeff(), 1e-9 * before.maxCoeff());
+  EXPECT_FALSE(filter.kick(push, -1.0));
+  EXPECT_FALSE(filter.kick(push * std::nan(""), 0.1));
 }
 
 TEST_F(FilterUpdate, RefusesAnImpossibleStart) {

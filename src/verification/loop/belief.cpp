@@ -31,6 +31,9 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
   settings.process.solar_pressure.sigma = belief.srp_scale_sigma;
   settings.process.acceleration = {.sigma = belief.acceleration_sigma_m_s2,
                                    .tau_s = belief.acceleration_tau_days * 86400.0};
+  const double thrust_tau_s = belief.thrust_tau_days * 86400.0;
+  settings.process.thrust_magnitude = {.sigma = belief.thrust_magnitude_sigma, .tau_s = thrust_tau_s};
+  settings.process.thrust_pointing = {.sigma = belief.thrust_pointing_sigma_deg * kDegree, .tau_s = thrust_tau_s};
   settings.camera = camera.intrinsics;
   settings.sight.centre_of_light = belief.photocentre;
   settings.gate_probability = belief.gate_probability;

@@ -70,7 +70,7 @@ Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& w
   return eyes;
 }
 
-Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_CN, BodyId beacon,
+Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, BodyId beacon,
                               const StreamId& noise, executive::Navigator& navigator, Records& records,
                               bool keep_frame) {
   const Camera& camera = world_.camera();
@@ -87,8 +87,7 @@ Result<void> Eyes::photograph(Event& event, const State& truth_O, const Mat3& R_
   records.stage_ms_sum.render += milliseconds_since(before);
 
   // What the onboard software believes the time to be: the frame's tag, less the latency that it knows of.
-  const Epoch tagged =
-      event.epoch + Duration::seconds(render::time_tag_error_s(camera.detector, noise) - known_latency_s_);
+  const Epoch tagged = clock + Duration::seconds(render::time_tag_error_s(camera.detector, noise) - known_latency_s_);
   before = std::chrono::steady_clock::now();
   const auto look = navigator.look(std::as_const(frame_).view(), tagged, beacon);
   if (!look) return forward(look);

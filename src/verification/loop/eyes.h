@@ -31,8 +31,9 @@ class Eyes {
   const vision::ExposureControl* exposure_control() const { return exposure_.get(); }
 
   // Takes the image of `event` (epoch and number are set), feeds it to the navigator and fills in what came of it.
-  Result<void> photograph(Event& event, const State& truth_O, const Mat3& R_CN, BodyId beacon, const StreamId& noise,
-                          executive::Navigator& navigator, Records& records, bool keep_frame);
+  // `clock`: what the onboard clock shows at mid-exposure.
+  Result<void> photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, BodyId beacon,
+                          const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame);
 
  private:
   explicit Eyes(World& world) : world_(world) {}

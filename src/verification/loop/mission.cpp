@@ -57,6 +57,9 @@ class Flight {
   bool worth_keeping(const Event& image) const;
   // Truth of where the camera looks: where the onboard software wants it, with dither and jitter.
   Mat3 true_attitude(const Vec3& aim_N, double roll_rad, int image) const;
+  double believed_mass_kg() const;
+  executive::Maneuvers known_maneuvers();
+  Epoch onboard_clock(Epoch epoch) const;
   void progress(const executive::Timeline& timeline, int cycle, int window, int k, BodyId beacon) const;
 
   Result<void> measure(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);     // mil
@@ -66,6 +69,8 @@ class Flight {
   const FlyOptions& options_;
   World& world_;
   const Camera& believed_camera_;
+  std::vector<executive::ThrustCommand> commands_;
+  std::vector<executive::Kick> kicks_;
   std::unique_ptr<Eyes> eyes_;
   std::unique_ptr<executive::Navigator> navigator_;
   std::unique_ptr<executive::Timeline> timeline_;
@@ -74,8 +79,9 @@ class Flight {
 
 Result<Records> Flight::fly() {
   const auto started = Clock::now();
-  const auto filter = filter_settings(scenario_, believed_camera_, options_.level);
+  auto filter = filter_settings(scenario_, believed_camera_, options_.level);
   if (!filter) return forward(filter);
+  filter->process.reflectivity_area_m2 = scenario_.onboard.filter.area_to_mass_cr_m2_kg * believed_mass_kg();
   const auto cycle = cycle_settings(scenario_);
   if (!cycle) return forward(cycle);
   const Epoch begin = world_.trajectory().begin();
@@ -95,8 +101,9 @@ Result<Records> Flight::fly() {
       *filter, beacon_settings(scenario_, believed_camera_),
       executive::BrightnessSettings{BandPhotometry(believed_camera_), believed_camera_.exposure_s,
                                     believed_camera_.detector.gain_e_dn},
-      eyes_ ? eyes_->exposure_control() : nullptr};
-  navigator_ = std::make_unique<executive::Navigator>(settings, world_.ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
+      eyes_ ? eyes_->exposure_control() : nullptr, known_maneuvers()};
+  navigator_ =
+      std::make_unique<executive::Navigator>(settings, world_.onboard_ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
   if (const auto ok = start(begin); !ok) return forward(ok);
   for (int c = 0; c < timeline_->cycles(); ++c) {
     if (const auto ok = fly_cycle(c); !ok) return forward(ok);
@@ -119,6 +126,30 @@ Result<Records> Flight::fly() {
   return std::move(records_);
 }
 
+double Flight::believed_mass_kg() const {
+  return world_.thrust_plan().arcs.empty() ? kBelievedMassKg : world_.thrust_plan().mass_kg;
+}
+
+Epoch Flight::onboard_clock(Epoch epoch) const {
+  return epoch + Duration::seconds(1e-3 * scenario_.truth.clock.offset_ms);
+}
+
+// The thrust as planned, and kicks as the onboard software hears of them.
+executive::Maneuvers Flight::known_maneuvers() {
+  for (const ThrustArc& arc : world_.thrust_plan().arcs)
+    commands_.push_back({arc.begin, arc.end, {arc.force_n, arc.specific_impulse_s, arc.direction_N}});
+  const scenario::OnboardFilter& belief = scenario_.onboard.filter;
+  if (belief.knows_unloading) {
+    RandomStream stream({.seed = options_.seed, .sample = options_.sample, .purpose = "reported kicks"});
+    for (const dynamics::Kick& kick : world_.kicks()) {
+      const double sigma_m_s = belief.unloading_error_relative * kick.delta_v_N_m_s.norm();
+      const Vec3 error(stream.normal(0.0, sigma_m_s), stream.normal(0.0, sigma_m_s), stream.normal(0.0, sigma_m_s));
+      kicks_.push_back({kick.begin, kick.delta_v_N_m_s + error, sigma_m_s});
+    }
+  }
+  return {commands_, kicks_};
+}
+
 Result<void> Flight::start(const Epoch& epoch) {
   const auto truth = world_.trajectory().state(epoch);
   if (!truth) return forward(truth);
@@ -132,7 +163,7 @@ Result<void> Flight::start(const Epoch& epoch) {
   for (int i = 0; i < 3; ++i) initial.state.p_m[i] += stream.normal(0.0, sigma_p);
   for (int i = 0; i < 3; ++i) initial.state.v_m_s[i] += stream.normal(0.0, sigma_v);
   initial.covariance.diagonal() << Vec3::Constant(sigma_p * sigma_p), Vec3::Constant(sigma_v * sigma_v);
-  initial.mass_kg = kBelievedMassKg;
+  initial.mass_kg = believed_mass_kg();
   return navigator_->start(initial);
 }
 
@@ -175,7 +206,8 @@ Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
                        .image = static_cast<std::uint64_t>(2 * cycle + window),
                        .purpose = "roll of a window"});
   const double roll = stream.uniform(0.0, 2.0 * kPi);
-  if (const auto ok = navigator_->prepare_window(beacon, timeline_->image_epoch(cycle, window, 0)); !ok) return ok;
+  if (const auto ok = navigator_->prepare_window(beacon, onboard_clock(timeline_->image_epoch(cycle, window, 0))); !ok)
+    return ok;
   for (int k = 0; k < timeline_->images_per_window(); ++k) {
     progress(*timeline_, cycle, window, k, beacon);
     if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon, roll); !ok)
@@ -188,7 +220,7 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   const auto truth = world_.trajectory().state(mid_exposure);
   if (!truth) return forward(truth);
   const auto before = Clock::now();
-  const auto aim = navigator_->aim(beacon, mid_exposure);
+  const auto aim = navigator_->aim(beacon, onboard_clock(mid_exposure));
   records_.stage_ms_sum.propagate += milliseconds_since(before);
   if (!aim) return forward(aim);
   const Mat3 R_CN = true_attitude(*aim, roll_rad, records_.images);
@@ -225,10 +257,12 @@ Result<void> Flight::measure(Event& image, const State& truth, const Mat3& R_CN,
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(image.image),
                        .purpose = "line of sight"});
-  const Vec2 noise(stream.normal(0.0, sigma_px), stream.normal(0.0, sigma_px));
+  const scenario::Mil& mil = scenario_.mil;
+  Vec2 noise(stream.normal(0.0, sigma_px), stream.normal(0.0, sigma_px));
+  if (stream.uniform() < mil.outlier_share) noise *= mil.outlier_scale;
   navigation::BeaconMeasurement m;
   m.body = beacon;
-  m.mid_exposure = image.epoch;
+  m.mid_exposure = onboard_clock(image.epoch);
   m.pixel = {pixel->u + noise.x(), pixel->v + noise.y()};
   m.pixel_covariance_px2 = std::max(sigma_px * sigma_px, floor_px * floor_px) * Mat2::Identity();
   m.R_CN = R_CN;
@@ -253,7 +287,8 @@ Result<void> Flight::photograph(Event& image, const State& truth, const Mat3& R_
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(image.image),
                        .purpose = "frame"};
-  return eyes_->photograph(image, truth, R_CN, beacon, noise, *navigator_, records_, worth_keeping(image));
+  return eyes_->photograph(image, onboard_clock(image.epoch), truth, R_CN, beacon, noise, *navigator_, records_,
+                           worth_keeping(image));
 }
 
 // Pictures for the report: from the middle of windows spread over the mission, first and second beacon in turn.

@@ -11,6 +11,7 @@
 #include "models/oem/oem.h"
 #include "simulator/dynamics/forces.h"
 #include "simulator/dynamics/propagation.h"
+#include "simulator/trajectory/flown.h"
 #include "simulator/transfer/ballistic.h"
 
 namespace astronav::loop {
@@ -36,33 +37,31 @@ Result<dynamics::ForceSettings> true_forces(const scenario::TruthDynamics& truth
   return settings;
 }
 
-// The designed transfer is what the ground planned; what is flown has the forces that nobody modelled as well.
-Result<trajectory::TrajectoryPtr> fly_transfer(const scenario::Scenario& s, const Ephemeris& ephemeris,
-                                               std::uint64_t seed, std::uint64_t sample) {
+// What the ground planned.
+Result<trajectory::FlightPlan> planned_transfer(const scenario::Scenario& s, const Ephemeris& ephemeris,
+                                                const dynamics::ForceSettings& forces) {
   const Result<BodyId> from = parse_body(s.mission.from);
   if (!from) return forward(from, "mission.from");
   const Result<BodyId> to = parse_body(s.mission.to);
   if (!to) return forward(to, "mission.to");
-  const Result<dynamics::ForceSettings> forces = true_forces(s.truth.dynamics);
-  if (!forces) return forward(forces);
-
-  transfer::BallisticSettings plan;
-  plan.forces = *forces;
-  plan.forces.srp_scale = 1.0;
+  transfer::BallisticSettings settings;
+  settings.forces = forces;
+  settings.forces.srp_scale = 1.0;
   const auto design =
-      transfer::design_ballistic(ephemeris, *from, *to, s.mission.departure, Duration::days(s.mission.days), plan);
+      transfer::design_ballistic(ephemeris, *from, *to, s.mission.departure, Duration::days(s.mission.days), settings);
   if (!design) return forward(design, "mission");
+  return trajectory::FlightPlan{design->begin, design->end, design->initial};
+}
 
-  RandomStream stream({.seed = seed, .sample = sample, .purpose = "unmodelled acceleration"});
-  const dynamics::UnmodelledSettings unmodelled{.sigma_m_s2 = s.truth.dynamics.unmodelled_acceleration_m_s2,
-                                                .tau = Duration::days(s.truth.dynamics.unmodelled_tau_days)};
-  auto realisation = dynamics::UnmodelledAcceleration::draw(unmodelled, design->begin, design->end, stream);
-  if (!realisation) return forward(realisation, "truth.dynamics");
-  const auto model = dynamics::ForceModel::create(ephemeris, *forces, std::move(*realisation));
-  if (!model) return forward(model, "truth.dynamics");
-  auto arc = dynamics::propagate(*model, design->initial, design->begin, design->end);
-  if (!arc) return forward(arc, "truth.dynamics");
-  return trajectory::from_arc(std::move(*arc));
+Result<trajectory::FlightPlan> planned_thrust(const scenario::Mission& mission,
+                                              const trajectory::Trajectory& designed) {
+  const auto file = MappedFile::open(mission.thrust_plan);
+  if (!file) return forward(file);
+  auto plan = parse_thrust_plan(file->text(), file->path().string());
+  if (!plan) return forward(plan);
+  const auto initial = designed.state(designed.begin());
+  if (!initial) return forward(initial);
+  return trajectory::FlightPlan{designed.begin(), designed.end(), *initial, std::move(*plan)};
 }
 
 Result<trajectory::TrajectoryPtr> read_trajectory(const scenario::Mission& mission, const MappedFile& file,
@@ -85,6 +84,28 @@ Result<trajectory::TrajectoryPtr> read_trajectory(const scenario::Mission& missi
 
 }  // namespace
 
+Result<void> World::fly(const scenario::Scenario& s, const trajectory::FlightPlan& plan,
+                        const dynamics::ForceSettings& forces, std::uint64_t seed, std::uint64_t sample) {
+  const scenario::TruthUnloading& unloading = s.truth.unloading;
+  const trajectory::Disturbances disturbances{
+      .unmodelled = {.sigma_m_s2 = s.truth.dynamics.unmodelled_acceleration_m_s2,
+                     .tau = Duration::days(s.truth.dynamics.unmodelled_tau_days)},
+      .thrust = {.magnitude_sigma = s.truth.thrust.magnitude_sigma,
+                 .pointing_sigma_rad = s.truth.thrust.pointing_sigma_deg * kDegree,
+                 .tau = Duration::days(s.truth.thrust.tau_days)},
+      .unloading = unloading.on,
+      .kicks = {.smallest_m_s = unloading.smallest_mm_s * 1e-3,
+                .largest_m_s = unloading.largest_mm_s * 1e-3,
+                .shortest_pause = Duration::days(unloading.shortest_pause_days),
+                .longest_pause = Duration::days(unloading.longest_pause_days)}};
+  auto flight = trajectory::fly(ephemeris_, forces, plan, disturbances, seed, sample);
+  if (!flight) return forward(flight, "truth");
+  thrust_plan_ = plan.thrust;
+  kicks_ = flight->forces.events().kicks.list();
+  trajectory_ = trajectory::from_arc(std::move(flight->arc));
+  return {};
+}
+
 Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::uint64_t seed, std::uint64_t sample) {
   std::unique_ptr<World> world(new World);
   auto kernel = open_or_default(s.data.ephemeris_file, "de405_2000_2050.bsp");
@@ -92,7 +113,15 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
   world->ephemeris_file_ = std::move(*kernel);
   auto ephemeris = Ephemeris::open(world->ephemeris_file_.bytes());
   if (!ephemeris) return forward(ephemeris, world->ephemeris_file_.path().string());
-  world->ephemeris_ = std::move(*ephemeris);
+  world->onboard_ephemeris_ = world->ephemeris_ = std::move(*ephemeris);
+  if (!s.data.truth_ephemeris_file.empty()) {
+    auto truth = MappedFile::open(s.data.truth_ephemeris_file);
+    if (!truth) return forward(truth);
+    world->truth_ephemeris_file_ = std::move(*truth);
+    auto opened = Ephemeris::open(world->truth_ephemeris_file_.bytes());
+    if (!opened) return forward(opened, world->truth_ephemeris_file_.path().string());
+    world->ephemeris_ = std::move(*opened);
+  }
 
   auto stars = open_or_default(s.data.catalogue_file, "hipparcos.stars");
   if (!stars) return forward(stars);
@@ -101,15 +130,27 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
   if (!catalogue) return forward(catalogue, world->catalogue_file_.path().string());
   world->catalogue_ = std::move(*catalogue);
 
-  Result<trajectory::TrajectoryPtr> flown = [&]() -> Result<trajectory::TrajectoryPtr> {
-    if (s.mission.trajectory_file.empty()) return fly_transfer(s, world->ephemeris_, seed, sample);
+  const auto forces = true_forces(s.truth.dynamics);
+  if (!forces) return forward(forces);
+  if (!s.mission.trajectory_file.empty()) {
     auto file = MappedFile::open(s.mission.trajectory_file);
     if (!file) return forward(file);
     world->trajectory_file_ = std::move(*file);
-    return read_trajectory(s.mission, world->trajectory_file_, world->ephemeris_file_, world->ephemeris_);
-  }();
-  if (!flown) return forward(flown);
-  world->trajectory_ = std::move(*flown);
+    const MappedFile& kernel =
+        s.data.truth_ephemeris_file.empty() ? world->ephemeris_file_ : world->truth_ephemeris_file_;
+    auto read = read_trajectory(s.mission, world->trajectory_file_, kernel, world->ephemeris_);
+    if (!read) return forward(read);
+    world->trajectory_ = std::move(*read);
+  }
+  if (!s.mission.thrust_plan.empty() && !world->trajectory_)
+    return fail(ErrorCode::invalid_argument, "a thrust plan needs the state that it begins from: trajectory_file", {},
+                "mission.thrust_plan");
+  if (!world->trajectory_ || !s.mission.thrust_plan.empty()) {
+    const auto plan = s.mission.thrust_plan.empty() ? planned_transfer(s, world->ephemeris_, *forces)
+                                                    : planned_thrust(s.mission, *world->trajectory_);
+    if (!plan) return forward(plan);
+    if (const auto flown = world->fly(s, *plan, *forces, seed, sample); !flown) return forward(flown);
+  }
 
   auto camera = scenario::truth_camera(s);
   if (!camera) return forward(camera);

@@ -3,14 +3,19 @@
 #pragma once
 
 #include <memory>
+#include <span>
+#include <vector>
 
 #include "foundation/base/error.h"
 #include "foundation/files/mapped_file.h"
 #include "models/ephemeris/ephemeris.h"
+#include "models/oem/thrust_plan.h"
 #include "models/photometry/photometry.h"
 #include "models/stars/catalogue.h"
+#include "simulator/dynamics/kicks.h"
 #include "simulator/render/renderer.h"
 #include "simulator/sky/sky.h"
+#include "simulator/trajectory/flown.h"
 #include "simulator/trajectory/trajectory.h"
 #include "verification/scenario/scenario.h"
 
@@ -24,6 +29,10 @@ class World {
   World& operator=(const World&) = delete;
 
   const Ephemeris& ephemeris() const { return ephemeris_; }
+  // What the onboard software believes in; the same where the scenario names no other.
+  const Ephemeris& onboard_ephemeris() const { return onboard_ephemeris_; }
+  const ThrustPlan& thrust_plan() const { return thrust_plan_; }
+  std::span<const dynamics::Kick> kicks() const { return kicks_; }
   const StarCatalogue& catalogue() const { return catalogue_; }
   const trajectory::Trajectory& trajectory() const { return *trajectory_; }
   const Camera& camera() const { return camera_; }
@@ -38,9 +47,14 @@ class World {
 
  private:
   World() = default;
+  // The plan as it is flown: with the forces that nobody modelled, errors of the engine, kicks.
+  Result<void> fly(const scenario::Scenario& scenario, const trajectory::FlightPlan& plan,
+                   const dynamics::ForceSettings& forces, std::uint64_t seed, std::uint64_t sample);
 
-  MappedFile ephemeris_file_, catalogue_file_, trajectory_file_;
-  Ephemeris ephemeris_;
+  MappedFile ephemeris_file_, truth_ephemeris_file_, catalogue_file_, trajectory_file_;
+  Ephemeris ephemeris_, onboard_ephemeris_;
+  ThrustPlan thrust_plan_;             // what the engine is told
+  std::vector<dynamics::Kick> kicks_;  // that happened
   StarCatalogue catalogue_;
   trajectory::TrajectoryPtr trajectory_;
   Camera camera_;

@@ -34,7 +34,10 @@ const std::array kKeys{
     PATH(mission.trajectory_file, "SPK kernel or CCSDS OEM flown instead of a designed ballistic transfer; empty for none"),
     TEXT(mission.trajectory_body, "whose states to take from an SPK (name or NAIF number); empty where the file holds one body only"),
 
+    PATH(mission.thrust_plan, "thrust plan (docs/formats.md) that is flown from the first state of `trajectory_file`; empty for none"),
+
     PATH(data.ephemeris_file, "SPK kernel with Sun and planets; empty for the one that ships with astronav"),
+    PATH(data.truth_ephemeris_file, "SPK kernel by which the truth flies and the planets stand; empty for the same as the onboard software's"),
     PATH(data.catalogue_file, "star catalogue made by `astronav catalog import`; empty for the one that ships with astronav"),
 
     NUMBER(conops.tracking_min, "min", 1.0, 1440.0, "time spent on each of the two beacons"),
@@ -66,6 +69,18 @@ const std::array kKeys{
     SWITCH(truth.dynamics.relativity, "the Sun's first post-Newtonian term"),
     TEXT(truth.dynamics.bodies, "whose gravity acts beside the Sun's"),
 
+    NUMBER(truth.thrust.magnitude_sigma, "", 0.0, 0.5, "error of the engine's thrust (first-order Gauss-Markov), relative, 1 sigma"),
+    NUMBER(truth.thrust.pointing_sigma_deg, "deg", 0.0, 30.0, "error of its direction, 1 sigma per axis"),
+    NUMBER(truth.thrust.tau_days, "d", 0.01, 1000.0, "correlation time of both"),
+
+    SWITCH(truth.unloading.on, "thrusters that unload the wheels kick the spacecraft now and then"),
+    NUMBER(truth.unloading.smallest_mm_s, "mm/s", 0.0, 1e4, "smallest kick; uniform between both, in any direction"),
+    NUMBER(truth.unloading.largest_mm_s, "mm/s", 0.0, 1e4, "largest kick"),
+    NUMBER(truth.unloading.shortest_pause_days, "d", 0.01, 1000.0, "shortest time from kick to kick; uniform between both"),
+    NUMBER(truth.unloading.longest_pause_days, "d", 0.01, 1000.0, "longest time from kick to kick"),
+
+    NUMBER(truth.clock.offset_ms, "ms", -10000.0, 10000.0, "onboard clock less the true time"),
+
     NUMBER(truth.pointing.jitter_arcsec, "arcsec", 0.0, 3600.0, "pointing error of each image beside the dither, 1 sigma per axis"),
 
     SWITCH(truth.photocentre.on, "planets shine from their centre of light; false: from their centre of figure"),
@@ -79,6 +94,11 @@ const std::array kKeys{
     NUMBER(onboard.filter.acceleration_tau_days, "d", 0.01, 1000.0, "its correlation time"),
     NUMBER(onboard.filter.area_to_mass_cr_m2_kg, "m2/kg", 0.0, 10.0, "area over mass times reflectivity coefficient that the filter believes in"),
     NUMBER(onboard.filter.srp_scale_sigma, "", 0.0, 1.0, "error of CR A/m that the filter allows for and estimates, relative, 1 sigma"),
+    NUMBER(onboard.filter.thrust_magnitude_sigma, "", 0.0, 0.5, "error of the thrust that the filter allows for and estimates, relative, 1 sigma"),
+    NUMBER(onboard.filter.thrust_pointing_sigma_deg, "deg", 0.0, 30.0, "error of its direction, likewise, 1 sigma per axis"),
+    NUMBER(onboard.filter.thrust_tau_days, "d", 0.01, 1000.0, "correlation time of both"),
+    SWITCH(onboard.filter.knows_unloading, "kicks are reported to the filter, with the error that follows; false: unmodelled acceleration has to cover them"),
+    NUMBER(onboard.filter.unloading_error_relative, "", 0.0, 1.0, "error of a reported kick over its size, 1 sigma per axis"),
     NUMBER(onboard.filter.camera_focal_relative_sigma, "", 0.0, 0.1, "focal length error that the filter allows for (first-order Gauss-Markov), relative, 1 sigma"),
     NUMBER(onboard.filter.camera_k1_sigma, "", 0.0, 1.0, "error of the radial distortion k1 that the filter allows for (first-order Gauss-Markov), 1 sigma"),
     NUMBER(onboard.filter.camera_tau_days, "d", 0.01, 10000.0, "correlation time of both"),
@@ -100,6 +120,8 @@ const std::array kKeys{
     NUMBER(onboard.vision.planet_gate_probability, "", 0.5, 1.0, "share of true planets that the search ellipse must hold"),
 
     NUMBER(mil.line_of_sight_noise_arcsec, "arcsec", 0.0, 36000.0, "noise of the sights flown without images, 1 sigma per axis; 0: perfect"),
+    NUMBER(mil.outlier_share, "", 0.0, 0.5, "share of sights whose noise is larger than the filter is told"),
+    NUMBER(mil.outlier_scale, "", 1.0, 1e4, "how much larger"),
 
     NUMBER(sky.max_v_mag, "mag", 0.0, 15.0, "faintest star (V) that is drawn"),
 };

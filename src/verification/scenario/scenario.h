@@ -28,10 +28,12 @@ struct Mission {
   double days = 300.0;
   std::string trajectory_file;  // SPK or OEM instead of a designed transfer
   std::string trajectory_body;  // whose states to take from an SPK
+  std::string thrust_plan;      // flown, with errors, from the trajectory file's first state
 };
 
 struct Data {
-  std::string ephemeris_file;  // empty: the one that ships with astronav
+  std::string ephemeris_file;        // empty: the one that ships with astronav
+  std::string truth_ephemeris_file;  // empty: the same
   std::string catalogue_file;
 };
 
@@ -71,6 +73,25 @@ struct TruthDynamics {
                                      "jupiter", "saturn", "uranus", "neptune"};
 };
 
+struct TruthThrust {
+  double magnitude_sigma = 0.0;
+  double pointing_sigma_deg = 0.0;
+  double tau_days = 1.0;
+};
+
+// Of momentum, by kicks.
+struct TruthUnloading {
+  bool on = false;
+  double smallest_mm_s = 2.0;
+  double largest_mm_s = 13.0;
+  double shortest_pause_days = 1.0;
+  double longest_pause_days = 5.0;
+};
+
+struct TruthClock {
+  double offset_ms = 0.0;
+};
+
 struct TruthPointing {
   double jitter_arcsec = 10.0;
 };
@@ -95,6 +116,11 @@ struct OnboardFilter {
   double acceleration_tau_days = 5.0;
   double area_to_mass_cr_m2_kg = 0.026;
   double srp_scale_sigma = 0.05;
+  double thrust_magnitude_sigma = 0.005;
+  double thrust_pointing_sigma_deg = 0.3;
+  double thrust_tau_days = 1.0;
+  bool knows_unloading = true;
+  double unloading_error_relative = 0.05;
   double camera_focal_relative_sigma = 1e-5;
   double camera_k1_sigma = 1e-4;
   double camera_tau_days = 30.0;
@@ -121,6 +147,8 @@ struct OnboardVision {
 
 struct Mil {
   double line_of_sight_noise_arcsec = 0.07;
+  double outlier_share = 0.0;
+  double outlier_scale = 10.0;
 };
 
 struct Scenario {
@@ -130,6 +158,9 @@ struct Scenario {
   struct Truth {
     TruthCamera camera;
     TruthDynamics dynamics;
+    TruthThrust thrust;
+    TruthUnloading unloading;
+    TruthClock clock;
     TruthPointing pointing;
     TruthPhotocentre photocentre;
   } truth;
