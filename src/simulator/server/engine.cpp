@@ -8,6 +8,15 @@ namespace {
 
 constexpr std::size_t kKeptShotBytes = 16 << 20;
 
+// Which of two lines gives the next: the first, but not more often in a row than `most` while somebody waits in the
+// other.
+template <typename Line>
+bool first_is_next(const Line& first, const Line& other, std::size_t& in_a_row, std::size_t most) {
+  const bool is_first = !first.empty() && (other.empty() || in_a_row < most);
+  in_a_row = is_first && !other.empty() ? in_a_row + 1 : 0;
+  return is_first;
+}
+
 std::size_t held_bytes(const Shot& shot) {
   return shot.dn.pixels().size_bytes() + shot.electrons.pixels().size_bytes() + shot.png.capacity();
 }
@@ -58,8 +67,9 @@ void Engine::ready(const std::shared_ptr<JobSource>& source) {
 void Engine::pump() {
   if (pumping_) return;
   pumping_ = true;
-  while (!first_line_.empty() || (!line_.empty() && running_ < 2 * static_cast<std::size_t>(workers))) {
-    auto& line = first_line_.empty() ? line_ : first_line_;
+  const std::size_t places = 2 * static_cast<std::size_t>(workers);
+  while (!first_line_.empty() || (!line_.empty() && running_ < places)) {
+    auto& line = first_is_next(first_line_, line_, passed_over_, places) ? first_line_ : line_;
     const std::shared_ptr<JobSource> source = std::move(line.front());
     line.pop_front();
     source->in_line_ = false;
@@ -82,7 +92,9 @@ void Engine::work_on_one() {
   std::pair<std::shared_ptr<JobSource>, Job> next;
   {
     const std::lock_guard lock(waiting_.mutex);
-    auto& jobs = waiting_.first.empty() ? waiting_.further : waiting_.first;
+    const bool first =
+        first_is_next(waiting_.first, waiting_.further, waiting_.passed_over, 2 * static_cast<std::size_t>(workers));
+    auto& jobs = first ? waiting_.first : waiting_.further;
     if (jobs.empty()) return;  // dropped
     next = std::move(jobs.front());
     jobs.pop_front();

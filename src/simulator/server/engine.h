@@ -79,13 +79,16 @@ class Engine {
   };
   std::shared_ptr<FreeShots> free_ = std::make_shared<FreeShots>();
   // A source with nothing under way waits behind nobody's further jobs, neither for a place nor for a worker: whoever
-  // comes waits until a worker has done what it is at, and for others who came.
+  // comes waits until a worker has done what it is at, and for others who came. But where the ones who have nothing
+  // under way keep coming, every so many of them let one of the others pass.
   std::deque<std::shared_ptr<JobSource>> first_line_, line_;
   struct Waiting {
     std::mutex mutex;
     std::deque<std::pair<std::shared_ptr<JobSource>, Job>> first, further;
-  } waiting_;  // for a worker
+    std::size_t passed_over = 0;  // `further` by `first`, in a row
+  } waiting_;                     // for a worker
   std::size_t running_ = 0;
+  std::size_t passed_over_ = 0;  // line_ by first_line_, in a row
   bool pumping_ = false;
   asio::thread_pool pool_;
 };
