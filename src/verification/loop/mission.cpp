@@ -57,6 +57,7 @@ class Flight {
   bool worth_keeping(const Event& image) const;
   // Truth of where the camera looks: where the onboard software wants it, with dither and jitter.
   Mat3 true_attitude(const Vec3& aim_N, double roll_rad, int image) const;
+  Result<State> truth_from_onboard_origin(Epoch epoch) const;
   double believed_mass_kg() const;
   executive::Maneuvers known_maneuvers();
   Epoch onboard_clock(Epoch epoch) const;
@@ -126,6 +127,20 @@ Result<Records> Flight::fly() {
   return std::move(records_);
 }
 
+// Both count from the Sun: two ephemerides put the barycentre at different places beside it (DE405 and DE430: 1 km,
+// DE440: 116 km).
+Result<State> Flight::truth_from_onboard_origin(Epoch epoch) const {
+  auto truth = world_.trajectory().state(epoch);
+  if (!truth || !world_.has_own_ephemeris()) return truth;
+  const auto really = world_.ephemeris().state(body::sun, body::solar_system_barycenter, epoch);
+  const auto onboard = world_.onboard_ephemeris().state(body::sun, body::solar_system_barycenter, epoch);
+  if (!really) return forward(really, "data.truth_ephemeris_file");
+  if (!onboard) return forward(onboard);
+  truth->p_m += onboard->p_m - really->p_m;
+  truth->v_m_s += onboard->v_m_s - really->v_m_s;
+  return truth;
+}
+
 double Flight::believed_mass_kg() const {
   return world_.thrust_plan().arcs.empty() ? kBelievedMassKg : world_.thrust_plan().mass_kg;
 }
@@ -151,7 +166,7 @@ executive::Maneuvers Flight::known_maneuvers() {
 }
 
 Result<void> Flight::start(const Epoch& epoch) {
-  const auto truth = world_.trajectory().state(epoch);
+  const auto truth = truth_from_onboard_origin(epoch);
   if (!truth) return forward(truth);
   const scenario::OnboardFilter& belief = scenario_.onboard.filter;
   const double sigma_p = belief.initial_position_sigma_km * 1e3;
@@ -314,7 +329,7 @@ Mat3 Flight::true_attitude(const Vec3& aim_N, double roll_rad, int image) const 
 }
 
 Result<Event> Flight::event(EventKind kind, Epoch epoch, int cycle, int window, BodyId body) const {
-  const auto truth = world_.trajectory().state(epoch);
+  const auto truth = truth_from_onboard_origin(epoch);
   if (!truth) return forward(truth);
   Event e;
   e.kind = kind;

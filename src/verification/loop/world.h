@@ -31,6 +31,7 @@ class World {
   const Ephemeris& ephemeris() const { return ephemeris_; }
   // What the onboard software believes in; the same where the scenario names no other.
   const Ephemeris& onboard_ephemeris() const { return onboard_ephemeris_; }
+  bool has_own_ephemeris() const { return truth_ephemeris_file_.bytes().data() != nullptr; }
   const ThrustPlan& thrust_plan() const { return thrust_plan_; }
   std::span<const dynamics::Kick> kicks() const { return kicks_; }
   const StarCatalogue& catalogue() const { return catalogue_; }
