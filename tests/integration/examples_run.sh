@@ -16,6 +16,7 @@ declare -A leaves=(
   [06_small_campaign]="ten/report.html ten/samples.csv"
   [07_python_closed_loop]="loop.csv"
   [08_cpp_client]="loop.csv"
+  [09_low_thrust]="mars.svg mars.csv cruise.oem cruise.csv pushed/report.html coasting/estimate.oem"
 )
 for script in "$examples"/*/run.sh; do
   name=$(basename "$(dirname "$script")")
