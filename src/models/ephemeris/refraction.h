@@ -28,6 +28,7 @@ class Refraction {
   Vec3 refract(const Vec3& direction_N) const;
   // The inverse.
   Vec3 unrefract(const Vec3& seen_N) const;
+  const Vec3& zenith_N() const { return zenith_N_; }
 
  private:
   double bend(double seen_zenith_distance_rad) const;

@@ -405,7 +405,7 @@ bool CentroidFinder::choose_within(ImageView<const std::uint16_t> image, const A
   attention_ = &attention;
   grow_regions(image, level);
   for (const Region& region : regions_.all()) {
-    if (region.cut && (region.saturated || region.box.height() > kLongCut)) return false;
+    if (region.cut && (region.saturated || region.box.height() >= kLongCut)) return false;
   }
   choose(image, std::min(wanted, static_cast<std::size_t>(settings_.max_centroids)));
   if (moving_) look_again();

@@ -13,7 +13,7 @@ namespace {
 // How many spots that are neither stars nor planets fall by chance on a pixel (and on a magnitude, where brightness is
 // used: those about as bright as the planet are counted). The planet itself is one of them, and half a spot stands for
 // what has not shown up in this frame.
-double clutter_density(const PlanetPrediction& prediction, double area, std::span<const Centroid> spots,
+double clutter_density(const PlanetPrediction& prediction, double area, double frame, std::span<const Centroid> spots,
                        std::span<const unsigned char> is_star) {
   constexpr double kHalfSpot = 0.5, kAboutAsBrightMag = 1.5;
   const bool by_brightness = prediction.expected_flux_dn > 0.0;
@@ -25,8 +25,8 @@ double clutter_density(const PlanetPrediction& prediction, double area, std::spa
       continue;
     ++alike;
   }
-  const double others = std::max(alike - 1, 0) + kHalfSpot;
-  return by_brightness ? others / (area * 2.0 * kAboutAsBrightMag) : others / area;
+  const double density = std::max(alike - 1, 0) / area + kHalfSpot / frame;
+  return by_brightness ? density / (2.0 * kAboutAsBrightMag) : density;
 }
 
 }  // namespace
@@ -51,7 +51,7 @@ PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSoluti
   if (!predicted) return match;
   match.predicted = predicted->pixel;
   const double frame_px = static_cast<double>(attitude.intrinsics.width_px) * attitude.intrinsics.height_px;
-  const double clutter = clutter_density(prediction, area_px > 0.0 ? area_px : frame_px, spots, is_star);
+  const double clutter = clutter_density(prediction, area_px > 0.0 ? area_px : frame_px, frame_px, spots, is_star);
   double best = 0.0, sum = 0.0;  // likelihoods, as densities by the same
   for (std::size_t i = 0; i < spots.size(); ++i) {
     if (is_star[i]) continue;

@@ -17,6 +17,7 @@ constexpr FieldRange kAnyField{4.0 * kDegree, 62.0 * kDegree};
 constexpr double kTrust = 1.001;  // of a camera's focal length that is believed
 constexpr double kDoubt = 1.03;   // where it is not
 constexpr double kAllSkyMag = 7.0;
+constexpr std::size_t kLeastStars = 3;    // of which an attitude is told
 constexpr double kPlanetRadiusPx = 10.0;  // spots nearer to a planet are not taken for stars
 
 Result<void> check(const SolveRequest& request, int width, int height) {
@@ -183,6 +184,13 @@ Result<Solution> Solver::solve(const Picture& picture, const SolveRequest& reque
   const double identified = now_ms();
   const auto fitted = fit_named_stars(catalogue_, known->stars, spots, from);
   if (!fitted) return fail(ErrorCode::no_match, "stars are recognised, but fix no attitude");
+  if (fitted->stars.size() < kLeastStars)
+    return fail(ErrorCode::no_match, "{0} stars are left when the attitude is fitted: too few to be sure",
+                {static_cast<double>(fitted->stars.size())});
+  if (request.refraction && fitted->attitude.R_CN.row(2).dot(request.refraction->zenith_N()) < 0.0)
+    return fail(ErrorCode::no_match,
+                "the stars are recognised, but stand below the observer's horizon then: are --epoch and --observer "
+                "right?");
   solution.attitude = fitted->attitude;
   const double fixed = now_ms();
 
