@@ -112,8 +112,8 @@ TEST(Engine, SourcesTakeTurns) {
                              static_cast<char>('A' + i));
     }
     const auto [least, most] = std::ranges::minmax(counts);
-    // Who was first had some under way before others came, and two workers may begin out of turn; without turns it would
-    // be thirty.
+    // Who was first had some under way before others came, and two workers may begin out of turn; without turns it
+    // would be thirty.
     ASSERT_LE(most - least, 10) << begun.names.substr(0, n);
   }
 }
