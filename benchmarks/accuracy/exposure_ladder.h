@@ -32,13 +32,7 @@ class ExposureLadder {
   }
 
   vision::ExposureSettings settings() const {
-    const Detector& d = world_.believed.detector;
-    vision::ExposureSettings out;
-    out.longest_s = world_.believed.exposure_s;
-    out.shortest_s = out.longest_s / 64.0;
-    out.star_dn_s = world_.band.flux(0.0, kColour).electrons_per_s / d.gain_e_dn;
-    out.sky_dn_s = (d.background_e_s_px + d.dark_current_e_s) / d.gain_e_dn;
-    return out;
+    return vision::ExposureSettings::of(world_.believed, world_.band.flux(0.0, kColour).electrons_per_s);
   }
 
   // Somewhere in the sky, by the number of the window.
@@ -85,7 +79,7 @@ class ExposureLadder {
   }
 
  private:
-  static constexpr double kColour = 0.6;  // B - V
+  static constexpr double kColour = vision::ExposureSettings::kStarColour;
 
   double planet_dn_s() const { return planet_.flux.electrons_per_s / world_.believed.detector.gain_e_dn; }
 

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "foundation/math/linear.h"
+#include "foundation/time/epoch.h"
 #include "models/ephemeris/bodies.h"
 
 namespace astronav::cli {
@@ -21,6 +22,15 @@ inline std::string title(BodyId id) {
 // To a whole number of steps of 1/steps_per_unit.
 inline double rounded(double x, double steps_per_unit) {
   return std::round(x * steps_per_unit) / steps_per_unit;
+}
+
+inline std::string tdb(Epoch epoch) {
+  return epoch.iso(TimeScale::tdb, 3, false);
+}
+
+// A file that was written, or null where none was asked for.
+inline nlohmann::ordered_json path_or_null(const std::string& path) {
+  return path.empty() ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(path);
 }
 
 // {x, y, z}, in the unit that is `unit` in SI: xyz(p_m, 1e3) gives km.

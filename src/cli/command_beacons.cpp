@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/answers.h"
 #include "cli/command.h"
 #include "cli/commands.h"
 #include "cli/mission_inputs.h"
@@ -98,7 +99,7 @@ Json to_json(const Cycle& cycle) {
                           {"nearest_arcsec", c.nearest_rad / kArcsecond}});
   }
   return {{"cycle", cycle.number},
-          {"epoch_tdb", cycle.epoch.iso(TimeScale::tdb, 3, false)},
+          {"epoch_tdb", tdb(cycle.epoch)},
           {"day", cycle.day},
           {"first", best ? Json(body_name(best->first)) : Json(nullptr)},
           {"second", best ? Json(body_name(best->second)) : Json(nullptr)},

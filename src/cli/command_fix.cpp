@@ -141,7 +141,7 @@ Result<Answer> by_pictures(const Options& options) {
     const Vec2 shift = sight.parallax_shift_rad / kArcsecond, residual = sight.residual_rad / kArcsecond;
     out.sights.push_back({{"name", near_stars[sight.star].name},
                           {"image", options.images[sight.frame]},
-                          {"epoch_tdb", frames[sight.frame].epoch.iso(TimeScale::tdb, 3, false)},
+                          {"epoch_tdb", tdb(frames[sight.frame].epoch)},
                           {"u_px", rounded(sight.pixel.u, 1e4)},
                           {"v_px", rounded(sight.pixel.v, 1e4)},
                           {"ra_deg", at.ra_rad / kDegree},
@@ -220,7 +220,7 @@ Result<int> run(const Options& options) {
   const Vec3 sigma = answer->covariance_m2.diagonal().cwiseSqrt();
   if (options.json) {
     Json out{{"status", "fixed"},
-             {"epoch_tdb", answer->epoch.iso(TimeScale::tdb, 3, false)},
+             {"epoch_tdb", tdb(answer->epoch)},
              {"position_km", xyz(answer->p_O_N, 1e3)},
              {"sigma_km", xyz(sigma, 1e3)},
              {"covariance_km2", matrix(answer->covariance_m2, 1e6)},

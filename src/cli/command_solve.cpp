@@ -132,7 +132,7 @@ Json to_json(const std::string& image, const opensky::Solution& s, double read_m
   const Distortion& d = a.intrinsics.distortion;
   out["principal_point_px"] = {{"u", a.intrinsics.cx_px}, {"v", a.intrinsics.cy_px}};
   out["distortion"] = {{"k1", d.k1}, {"k2", d.k2}, {"k3", d.k3}, {"p1", d.p1}, {"p2", d.p2}};
-  out["epoch_tdb"] = s.epoch.iso(TimeScale::tdb, 3, false);
+  out["epoch_tdb"] = tdb(s.epoch);
   out["epoch_assumed"] = s.epoch_assumed;
   out["aberration_corrected"] = s.aberration_corrected;
   out["refraction_corrected"] = s.refraction_corrected;

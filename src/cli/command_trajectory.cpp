@@ -60,8 +60,8 @@ Result<void> info_of_spk(const InfoOptions& options, const MappedFile& file) {
                "relative to", "type", "begin TDB", "end TDB");
   }
   for (const Ephemeris::Segment& s : ephemeris->segments()) {
-    const std::string begin = Epoch::tdb_seconds(s.begin_tdb_s).iso(TimeScale::tdb, 3, false);
-    const std::string end = Epoch::tdb_seconds(s.end_tdb_s).iso(TimeScale::tdb, 3, false);
+    const std::string begin = tdb(Epoch::tdb_seconds(s.begin_tdb_s));
+    const std::string end = tdb(Epoch::tdb_seconds(s.end_tdb_s));
     if (options.json) {
       fmt::print("{}\n", Json{{"file", options.file},
                               {"format", "spk"},
@@ -83,8 +83,8 @@ Result<void> info_of_spk(const InfoOptions& options, const MappedFile& file) {
 Result<void> info_of_oem(const InfoOptions& options, const MappedFile& file) {
   const auto oem = parse_oem(file.text(), options.file);
   if (!oem) return forward(oem);
-  const std::string begin = oem->epochs.front().iso(TimeScale::tdb, 3, false);
-  const std::string end = oem->epochs.back().iso(TimeScale::tdb, 3, false);
+  const std::string begin = tdb(oem->epochs.front());
+  const std::string end = tdb(oem->epochs.back());
   const double days = (oem->epochs.back() - oem->epochs.front()).days();
   if (options.json) {
     fmt::print("{}\n", Json{{"file", options.file},
@@ -221,11 +221,8 @@ Result<int> run_convert(const ConvertOptions& options) {
   const auto written = write_oem(options.out, std::move(oem));
   if (!written) return forward(written);
   if (options.json) {
-    fmt::print("{}\n", Json{{"out", options.out},
-                            {"states", states},
-                            {"begin_tdb", begin.iso(TimeScale::tdb, 3, false)},
-                            {"end_tdb", end.iso(TimeScale::tdb, 3, false)}}
-                           .dump());
+    fmt::print("{}\n",
+               Json{{"out", options.out}, {"states", states}, {"begin_tdb", tdb(begin)}, {"end_tdb", tdb(end)}}.dump());
   } else {
     fmt::print("{}: {} states from {} to {}\n", options.out, states, begin.iso(), end.iso());
   }

@@ -60,7 +60,6 @@ Result<int> run_arrival(const ArrivalOptions& options) {
   if (!e) return forward(e, options.file);
   const double time_sigma_s = std::sqrt(std::max(e->covariance(2, 2), 0.0));
   const Epoch pericentre = *passes + Duration::seconds(e->at.time_to_pericentre_s);
-  const auto tdb = [](Epoch t) { return t.iso(TimeScale::tdb, 3, false); };
   if (options.json) {
     fmt::print("{}\n", Json{{"body", title(*body)},
                             {"known_at_tdb", tdb(last.epoch)},

@@ -26,44 +26,50 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct DesignOptions {
+// What every transfer is asked for.
+struct TransferOptions {
   std::string from = "earth";
   std::string to = "mars";
   std::string departure;
+  std::vector<std::string> kernels;
+  bool json = false;
+};
+
+struct DesignOptions : TransferOptions {
   double days = 0.0;
   double miss_km = 0.0;
   double coast_in_days = 3.0;
   double coast_out_days = 3.0;
   std::string step = "6h";
   std::string out;
-  std::vector<std::string> kernels;
-  bool json = false;
 };
 
-// Planets and epoch that every design is asked for.
 struct Ends {
   BodyId from, to;
   Epoch departure;
 };
-Result<Ends> parse_ends(const std::string& from_text, const std::string& to_text, const std::string& departure_text) {
-  const auto from = parse_body(from_text);
+Result<Ends> parse_ends(const TransferOptions& options) {
+  const auto from = parse_body(options.from);
   if (!from) return forward(from, "--from");
-  const auto to = parse_body(to_text);
+  const auto to = parse_body(options.to);
   if (!to) return forward(to, "--to");
-  const auto departure = Epoch::parse(departure_text);
+  const auto departure = Epoch::parse(options.departure);
   if (!departure) return forward(departure, "--departure");
   return Ends{*from, *to, *departure};
 }
 
-std::string tdb(Epoch e) {
-  return e.iso(TimeScale::tdb, 3, false);
-}
-Json path_or_null(const std::string& path) {
-  return path.empty() ? Json(nullptr) : Json(path);
+// The cruise of a design as a message, named by its two ends.
+Result<void> write_design(const std::string& path, const dynamics::Arc& arc, Epoch begin, Epoch end, Duration step,
+                          const Ends& ends) {
+  if (path.empty()) return {};
+  auto oem = cruise_message(arc, begin, end, step);
+  if (!oem) return forward(oem);
+  oem->object_name = fmt::format("{} to {}", title(ends.from), title(ends.to));
+  return write_oem(path, std::move(*oem));
 }
 
 Result<int> run_design(const DesignOptions& options) {
-  const auto ends = parse_ends(options.from, options.to, options.departure);
+  const auto ends = parse_ends(options);
   if (!ends) return forward(ends);
   const auto& [from, to, departure] = *ends;
   const auto step = parse_duration(options.step);
@@ -80,13 +86,8 @@ Result<int> run_design(const DesignOptions& options) {
   auto design =
       transfer::design_ballistic((*kernels)->ephemeris, from, to, departure, Duration::days(options.days), settings);
   if (!design) return forward(design);
-  if (!options.out.empty()) {
-    auto oem = trajectory::to_oem(*trajectory::from_arc(design->arc), design->begin, design->end, *step);
-    if (!oem) return forward(oem, "--step");
-    oem->object_name = fmt::format("{} to {}", title(from), title(to));
-    const auto written = write_oem(options.out, std::move(*oem));
-    if (!written) return forward(written);
-  }
+  if (const auto written = write_design(options.out, design->arc, design->begin, design->end, *step, *ends); !written)
+    return forward(written);
 
   const double v_departure = design->v_infinity_departure_m_s.norm() * 1e-3;
   const double v_arrival = design->v_infinity_arrival_m_s.norm() * 1e-3;
@@ -126,10 +127,7 @@ Result<int> run_design(const DesignOptions& options) {
   return 0;
 }
 
-struct LowThrustOptions {
-  std::string from = "earth";
-  std::string to = "mars";
-  std::string departure;
+struct LowThrustOptions : TransferOptions {
   double days = 0.0;
   double mass_kg = 22.0;
   double thrust_mn = 1.9;
@@ -140,12 +138,10 @@ struct LowThrustOptions {
   double cycle_days = 10.0;
   std::string step = "6h";
   std::string out, plan;
-  std::vector<std::string> kernels;
-  bool json = false;
 };
 
 Result<int> run_low_thrust(const LowThrustOptions& options) {
-  const auto ends = parse_ends(options.from, options.to, options.departure);
+  const auto ends = parse_ends(options);
   if (!ends) return forward(ends);
   const auto step = parse_duration(options.step);
   if (!step) return forward(step, "--step");
@@ -165,12 +161,8 @@ Result<int> run_low_thrust(const LowThrustOptions& options) {
   const auto design = transfer::design_low_thrust((*kernels)->ephemeris, ends->from, ends->to, ends->departure,
                                                   Duration::days(options.days), settings);
   if (!design) return forward(design);
-  if (!options.out.empty()) {
-    auto oem = trajectory::to_oem(*trajectory::from_arc(design->arc), design->begin, design->end, *step);
-    if (!oem) return forward(oem, "--step");
-    oem->object_name = fmt::format("{} to {}", title(ends->from), title(ends->to));
-    if (const auto written = write_oem(options.out, std::move(*oem)); !written) return forward(written);
-  }
+  if (const auto written = write_design(options.out, design->arc, design->begin, design->end, *step, *ends); !written)
+    return forward(written);
   if (!options.plan.empty()) {
     if (const auto written = write_file(options.plan, to_text(design->plan)); !written)
       return forward(written, options.plan);
@@ -223,20 +215,15 @@ Result<int> run_low_thrust(const LowThrustOptions& options) {
   return 0;
 }
 
-struct PorkchopOptions {
-  std::string from = "earth";
-  std::string to = "mars";
-  std::string departure;
+struct PorkchopOptions : TransferOptions {
   double window_days = 200.0;
   std::vector<double> flight_days = {120.0, 420.0};
   double step_days = 2.0;
   std::string csv, svg;
-  std::vector<std::string> kernels;
-  bool json = false;
 };
 
 Result<int> run_porkchop(const PorkchopOptions& options) {
-  const auto ends = parse_ends(options.from, options.to, options.departure);
+  const auto ends = parse_ends(options);
   if (!ends) return forward(ends);
   if (options.flight_days[1] < options.flight_days[0])
     return fail(ErrorCode::invalid_argument, "the longest flight, {0} d, is shorter than the shortest, {1} d",
@@ -291,6 +278,17 @@ Result<int> run_porkchop(const PorkchopOptions& options) {
   return 0;
 }
 
+void add_ends(CLI::App& app, TransferOptions& options, const char* about_departure) {
+  app.add_option("--from", options.from, "planet of departure")->capture_default_str();
+  app.add_option("--to", options.to, "planet of arrival")->capture_default_str();
+  app.add_option("--departure", options.departure, about_departure)->required();
+}
+
+void add_kernels_and_json(CLI::App& app, TransferOptions& options) {
+  app.add_option("--kernel", options.kernels, "SPK files in place of DE405; later ones take precedence");
+  app.add_flag("--json", options.json, "one JSON object");
+}
+
 }  // namespace
 
 void add_trajectory_design(CLI::App& trajectory, Invocation& invocation) {
@@ -299,9 +297,7 @@ void add_trajectory_design(CLI::App& trajectory, Invocation& invocation) {
       trajectory.add_subcommand("design", "a ballistic transfer between two planets under all forces");
   design_app->footer(
       "Example:\n  astronav trajectory design --to venus --departure 2028-03-25 --days 172 --out cruise.oem");
-  design_app->add_option("--from", design->from, "planet of departure")->capture_default_str();
-  design_app->add_option("--to", design->to, "planet of arrival")->capture_default_str();
-  design_app->add_option("--departure", design->departure, "ISO 8601 with scale (UTC if none)")->required();
+  add_ends(*design_app, *design, "ISO 8601 with scale (UTC if none)");
   design_app->add_option("--days", design->days, "from departure to arrival")
       ->required()
       ->check(number_within(1.0, 1e4));
@@ -317,8 +313,7 @@ void add_trajectory_design(CLI::App& trajectory, Invocation& invocation) {
       ->check(number_within(0.0, 1e4));
   design_app->add_option("--out", design->out, "OEM of the cruise to write");
   design_app->add_option("--step", design->step, "between its states")->capture_default_str();
-  design_app->add_option("--kernel", design->kernels, "SPK files in place of DE405; later ones take precedence");
-  design_app->add_flag("--json", design->json, "one JSON object");
+  add_kernels_and_json(*design_app, *design);
   design_app->callback([design, &invocation] { invocation.action = [design] { return run_design(*design); }; });
 }
 
@@ -326,9 +321,7 @@ void add_trajectory_low_thrust(CLI::App& trajectory, Invocation& invocation) {
   auto o = std::make_shared<LowThrustOptions>();
   CLI::App* app = trajectory.add_subcommand("low-thrust", "a transfer by an electric engine, with coasts to navigate");
   app->footer("Example:\n  astronav trajectory low-thrust --departure 2026-11-09 --days 300 --out c.oem --plan c.csv");
-  app->add_option("--from", o->from, "planet of departure")->capture_default_str();
-  app->add_option("--to", o->to, "planet of arrival")->capture_default_str();
-  app->add_option("--departure", o->departure, "ISO 8601 with scale (UTC if none)")->required();
+  add_ends(*app, *o, "ISO 8601 with scale (UTC if none)");
   app->add_option("--days", o->days, "from departure to arrival")->required()->check(number_within(20.0, 2e3));
   app->add_option("--mass-kg", o->mass_kg, "at departure")->capture_default_str()->check(number_within(1e-3, 1e6));
   app->add_option("--thrust-mn", o->thrust_mn, "mN")->capture_default_str()->check(number_within(1e-6, 1e6));
@@ -346,8 +339,7 @@ void add_trajectory_low_thrust(CLI::App& trajectory, Invocation& invocation) {
   app->add_option("--out", o->out, "OEM of the cruise to write");
   app->add_option("--plan", o->plan, "thrust plan (CSV) to write");
   app->add_option("--step", o->step, "between the OEM's states")->capture_default_str();
-  app->add_option("--kernel", o->kernels, "SPK files in place of DE405; later ones take precedence");
-  app->add_flag("--json", o->json, "one JSON object");
+  add_kernels_and_json(*app, *o);
   app->callback([o, &invocation] { invocation.action = [o] { return run_low_thrust(*o); }; });
 }
 
@@ -355,9 +347,7 @@ void add_trajectory_porkchop(CLI::App& trajectory, Invocation& invocation) {
   auto o = std::make_shared<PorkchopOptions>();
   CLI::App* app = trajectory.add_subcommand("porkchop", "what ballistic transfers cost, by day and time of flight");
   app->footer("Example:\n  astronav trajectory porkchop --departure 2026-08-15 --svg mars-2026.svg");
-  app->add_option("--from", o->from, "planet of departure")->capture_default_str();
-  app->add_option("--to", o->to, "planet of arrival")->capture_default_str();
-  app->add_option("--departure", o->departure, "first day, ISO 8601 with scale (UTC if none)")->required();
+  add_ends(*app, *o, "first day, ISO 8601 with scale (UTC if none)");
   app->add_option("--window-days", o->window_days, "from the first departure to the last")
       ->capture_default_str()
       ->check(number_within(0.0, 1e5));
@@ -368,9 +358,14 @@ void add_trajectory_porkchop(CLI::App& trajectory, Invocation& invocation) {
   app->add_option("--step-days", o->step_days, "of both")->capture_default_str()->check(number_within(0.01, 1e4));
   app->add_option("--csv", o->csv, "table to write");
   app->add_option("--svg", o->svg, "picture to write");
-  app->add_option("--kernel", o->kernels, "SPK files in place of DE405; later ones take precedence");
-  app->add_flag("--json", o->json, "one JSON object");
+  add_kernels_and_json(*app, *o);
   app->callback([o, &invocation] { invocation.action = [o] { return run_porkchop(*o); }; });
+}
+
+Result<Oem> cruise_message(const dynamics::Arc& arc, Epoch begin, Epoch end, Duration step) {
+  auto oem = trajectory::to_oem(*trajectory::from_arc(arc), begin, end, step);
+  if (!oem) return forward(oem, "--step");
+  return oem;
 }
 
 Result<void> write_oem(const std::string& path, Oem oem) {

@@ -2,6 +2,7 @@
 // astronav trajectory fly: what becomes of a plan under the true forces, with errors drawn from a seed.
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -38,22 +39,16 @@ struct FlyOptions {
   bool json = false;
 };
 
-// The cruise's first state, barycentric, and how long it is to be flown.
-Result<trajectory::FlightPlan> plan_of(const FlyOptions& options, const Oem& cruise, const Ephemeris& ephemeris) {
-  const auto planned = trajectory::from_oem(cruise, &ephemeris);
-  if (!planned) return forward(planned, options.cruise);
-  trajectory::FlightPlan plan;
-  plan.begin = (*planned)->begin();
-  plan.end = options.days > 0.0 ? plan.begin + Duration::days(options.days) : (*planned)->end();
-  const auto initial = (*planned)->state(plan.begin);
-  if (!initial) return forward(initial, options.cruise);
-  plan.initial = *initial;
+Result<trajectory::FlightPlan> plan_of(const FlyOptions& options, const trajectory::Trajectory& planned) {
+  auto plan = trajectory::plan_along(planned);
+  if (!plan) return forward(plan, options.cruise);
+  if (options.days > 0.0) plan->end = plan->begin + Duration::days(options.days);
   if (!options.plan.empty()) {
     const auto file = MappedFile::open(options.plan);
     if (!file) return forward(file, options.plan);
-    const auto thrust = parse_thrust_plan(file->text(), options.plan);
+    auto thrust = parse_thrust_plan(file->text(), options.plan);
     if (!thrust) return forward(thrust);
-    plan.thrust = *thrust;
+    plan->thrust = std::move(*thrust);
   }
   return plan;
 }
@@ -68,7 +63,9 @@ Result<int> run_fly(const FlyOptions& options) {
   if (!file) return forward(file, options.cruise);
   const auto cruise = parse_oem(file->text(), options.cruise);
   if (!cruise) return forward(cruise);
-  const auto plan = plan_of(options, *cruise, (*kernels)->ephemeris);
+  const auto planned = trajectory::from_oem(*cruise, &(*kernels)->ephemeris);
+  if (!planned) return forward(planned, options.cruise);
+  const auto plan = plan_of(options, **planned);
   if (!plan) return forward(plan);
 
   dynamics::ForceSettings forces;
@@ -84,18 +81,16 @@ Result<int> run_fly(const FlyOptions& options) {
   const std::size_t kicks = flight->forces.events().kicks.list().size();
   const double mass_kg = plan->thrust.arcs.empty() ? 0.0 : flight->forces.mass_kg(plan->end);
   if (!options.out.empty()) {
-    auto oem = trajectory::to_oem(*trajectory::from_arc(flight->arc), plan->begin, plan->end, *step);
-    if (!oem) return forward(oem, "--step");
+    auto oem = cruise_message(flight->arc, plan->begin, plan->end, *step);
+    if (!oem) return forward(oem);
     oem->object_name = cruise->object_name;
     oem->object_id = cruise->object_id;
     if (const auto written = write_oem(options.out, std::move(*oem)); !written) return forward(written);
   }
   // How far from what was planned, where the plan reaches that far.
-  const auto planned = trajectory::from_oem(*cruise, &(*kernels)->ephemeris);
   const auto there = (*planned)->state(plan->end);
   const State last = flight->arc.at(plan->end).value();
   const double off_km = there ? (last.p_m - there->p_m).norm() * 1e-3 : 0.0;
-  const auto tdb = [](Epoch e) { return e.iso(TimeScale::tdb, 3, false); };
   if (options.json) {
     fmt::print("{}\n", Json{{"begin_tdb", tdb(plan->begin)},
                             {"end_tdb", tdb(plan->end)},
@@ -105,7 +100,7 @@ Result<int> run_fly(const FlyOptions& options) {
                             {"off_plan_km", there ? Json(off_km) : Json(nullptr)},
                             {"position_km", xyz(last.p_m, 1e3)},
                             {"velocity_km_s", xyz(last.v_m_s, 1e3)},
-                            {"out", options.out.empty() ? Json(nullptr) : Json(options.out)}}
+                            {"out", path_or_null(options.out)}}
                            .dump());
     return 0;
   }

@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "models/ephemeris/daf.h"
+#include "models/ephemeris/ecliptic.h"
 #include "models/ephemeris/spk_segment.h"
 
 namespace astronav {
@@ -19,7 +20,7 @@ constexpr int kFrameEcliptic = 17;     // ecliptic and equinox of J2000, obliqui
 constexpr double kEpochLimit = 9.2e9;  // s; an Epoch holds a little more
 
 Vec3 from_ecliptic(const Vec3& v) {
-  static const double c = std::cos(84381.448 * kArcsecond), s = std::sin(84381.448 * kArcsecond);
+  static const double c = std::cos(kObliquityJ2000), s = std::sin(kObliquityJ2000);
   return {v.x(), c * v.y() - s * v.z(), s * v.y() + c * v.z()};
 }
 

@@ -3,13 +3,13 @@
 #include <cmath>
 
 #include "foundation/math/rotation.h"
+#include "models/ephemeris/ecliptic.h"
 #include "models/photometry/photometry.h"
 
 namespace astronav {
 namespace {
 
 constexpr double kDaysPerCentury = 36525.0;
-constexpr double kObliquityJ2000 = 84381.448 * kArcsecond;  // IAU 1976, the ecliptic of J2000 in Horizons
 
 // The planet's own number for a planet or its barycentre. The Earth-Moon barycentre is not a planet.
 constexpr BodyId planet_of(BodyId id) {

@@ -23,7 +23,6 @@ using GlobalMatrix = Eigen::Matrix<double, kGlobal, kGlobal>;
 using Local = Eigen::Matrix<double, kLocal, 1>;
 using LocalMatrix = Eigen::Matrix<double, kLocal, kLocal>;
 using Cross = Eigen::Matrix<double, kGlobal, kLocal>;
-using Across = Eigen::Matrix<double, 3, 2>;
 
 constexpr double kHuber = 2.5;       // sigma, from which on a sight pulls no harder
 constexpr int kGatedFrom = 4;        // the iteration from which on what is beyond the gate takes no part
@@ -135,9 +134,7 @@ Result<void> Batch::add_window(std::size_t window, Flow& flow, int iteration, No
   const Epoch begin = sights_[span.begin].epoch;
   const double length_s = std::max((sights_[span.end - 1].epoch - begin).seconds(), 1e-3);
   // One pair of axes for all of the window, so that its bias keeps its meaning.
-  Across axes;
-  axes.col(0) = sights_[span.begin].sight.direction_N.unitOrthogonal();
-  axes.col(1) = sights_[span.begin].sight.direction_N.cross(axes.col(0));
+  const Axes2 axes = axes_across(sights_[span.begin].sight.direction_N);
 
   GlobalMatrix n = GlobalMatrix::Zero();
   Cross cross = Cross::Zero();
@@ -286,15 +283,12 @@ Result<BatchSolution> Batch::solve(const BatchStart& start) {
               {static_cast<double>(settings_.max_iterations)});
 }
 
-// In the plane of the ecliptic, as the planets go.
-Result<Vec3> circular_velocity(const Ephemeris& ephemeris, const Vec3& p_O_N, Epoch epoch) {
+Result<Vec3> velocity_of_circle(const Ephemeris& ephemeris, const Vec3& p_O_N, Epoch epoch) {
   const auto sun = ephemeris.state(body::sun, body::solar_system_barycenter, epoch);
   if (!sun) return forward(sun);
   const auto constants = body_constants(body::sun);
   if (!constants) return forward(constants);
-  constexpr double kObliquity = 84381.448 * kArcsecond;
-  const Vec3 north(0.0, -std::sin(kObliquity), std::cos(kObliquity)), from_sun = p_O_N - sun->p_m;
-  return Vec3(north.cross(from_sun).normalized() * std::sqrt(constants->gm_m3_s2 / from_sun.norm()));
+  return circular_velocity(p_O_N - sun->p_m, constants->gm_m3_s2);
 }
 
 }  // namespace
@@ -307,7 +301,7 @@ Result<BatchSolution> solve_batch(const Ephemeris& ephemeris, std::span<const Ba
 }
 
 Result<BatchStart> start_from_survey(const Ephemeris& ephemeris, const SurveySolution& survey) {
-  const auto velocity = circular_velocity(ephemeris, survey.p_O_N, survey.epoch);
+  const auto velocity = velocity_of_circle(ephemeris, survey.p_O_N, survey.epoch);
   if (!velocity) return forward(velocity);
   constexpr double kSigma = 8e3;  // m/s an axis: as the survey itself believes
   BatchStart start{survey.epoch, {survey.p_O_N, *velocity}};
@@ -330,7 +324,7 @@ Result<BatchStart> start_from_sights(const Ephemeris& ephemeris, std::span<const
   const auto crossing =
       triangulate(ephemeris, epoch, Vec3::Zero(), two, {.most_sigma_share = 1.0, .least_probability = 0.0});
   if (!crossing) return forward(crossing);
-  const auto velocity = circular_velocity(ephemeris, crossing->p_O_N, epoch);
+  const auto velocity = velocity_of_circle(ephemeris, crossing->p_O_N, epoch);
   if (!velocity) return forward(velocity);
   return BatchStart{epoch, {crossing->p_O_N, *velocity}};
 }

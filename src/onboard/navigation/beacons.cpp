@@ -7,6 +7,7 @@
 #include "foundation/math/rotation.h"
 #include "models/photometry/photometry.h"
 #include "onboard/navigation/measurement_model.h"
+#include "onboard/navigation/triangulation.h"
 
 namespace astronav::navigation {
 namespace {
@@ -44,9 +45,7 @@ bool observe(const Ephemeris& ephemeris, const State& observer, const State& sun
 // One sight of a beacon: what stands across it is measured.
 Mat6 after_sight(const Mat6& P, const BeaconCandidate& beacon) {
   Eigen::Matrix<double, 2, 6> H = Eigen::Matrix<double, 2, 6>::Zero();
-  const Vec3 across = beacon.direction_N.unitOrthogonal();
-  H.block<1, 3>(0, 0) = across.transpose();
-  H.block<1, 3>(1, 0) = beacon.direction_N.cross(across).transpose();
+  H.leftCols<3>() = axes_across(beacon.direction_N).transpose();
   const Mat2 R = Mat2::Identity() * beacon.sigma_across_m * beacon.sigma_across_m;
   const Eigen::Matrix<double, 6, 2> gain = P * H.transpose() * Mat2(H * P * H.transpose() + R).inverse();
   Mat6 keep = Mat6::Identity();

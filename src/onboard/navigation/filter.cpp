@@ -9,15 +9,6 @@
 namespace astronav::navigation {
 namespace {
 
-using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;
-
-Process::Photocentres photocentres(const FilterSettings& settings) {
-  Process::Photocentres out;
-  for (std::size_t i = 0; i < out.size(); ++i)
-    out[i] = {settings.beacon_errors[i].photocentre_fraction, settings.photocentre_tau_s};
-  return out;
-}
-
 // Centroid and attitude: e + H_theta theta with E[e theta'] = C.
 Mat2 noise_covariance(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
   const Mat23& h = prediction.by_attitude;
@@ -64,10 +55,17 @@ const char* name(UpdateReason reason) {
   return "";
 }
 
+Process process_of(const FilterSettings& settings, const Ephemeris& ephemeris) {
+  Process::Photocentres photocentres;
+  for (std::size_t i = 0; i < photocentres.size(); ++i)
+    photocentres[i] = {settings.beacon_errors[i].photocentre_fraction, settings.photocentre_tau_s};
+  return Process(settings.process, ephemeris, settings.focal, settings.k1, settings.bias, photocentres);
+}
+
 Filter::Filter(const FilterSettings& settings, const Ephemeris& ephemeris)
     : settings_(settings),
       ephemeris_(&ephemeris),
-      process_(settings.process, ephemeris, settings.focal, settings.k1, settings.bias, photocentres(settings)),
+      process_(process_of(settings, ephemeris)),
       // Quantile of chi-square with two degrees of freedom, in closed form.
       gate_(-2.0 * std::log1p(-std::min(settings.gate_probability, 1.0))) {}
 
@@ -96,8 +94,7 @@ Result<void> Filter::initialise(const InitialState& initial) {
   variance(index::bias, settings_.bias.sigma);
   variance(index::bias + 1, settings_.bias.sigma);
   variance(index::solar_pressure, settings_.process.solar_pressure.sigma);
-  for (int i = 0; i < kBeaconBodies; ++i)
-    variance(index::photocentre + i, settings_.beacon_errors[static_cast<std::size_t>(i)].photocentre_fraction);
+  for (int i = 0; i < kBeaconBodies; ++i) variance(index::photocentre + i, errors_of(i).photocentre_fraction);
 
   const StateVector inverse = scales.cwiseInverse();
   const StateMatrix scaled = inverse.asDiagonal() * P * inverse.asDiagonal();
@@ -121,17 +118,13 @@ Result<void> Filter::propagate_to(Epoch epoch) {
     return fail(ErrorCode::invalid_argument, "the filter does not go back by {0} s", {(epoch_ - epoch).seconds()});
   Process::Step step;
   while (epoch_ < epoch) {
-    const Result<Duration> longest = process_.step_length(epoch_, x_);
-    if (!longest) return forward(longest);
-    // Equal steps over what is left, so that none is a splinter.
-    const std::int64_t left = (epoch - epoch_).nanoseconds();
-    const std::int64_t steps = (left + longest->nanoseconds() - 1) / longest->nanoseconds();
-    const Duration h = Duration::nanoseconds((left + steps - 1) / steps);
+    const Result<Duration> h = process_.step_towards(epoch_, epoch, x_);
+    if (!h) return forward(h);
     StateVector x = x_;
-    if (const Result<void> done = process_.step(epoch_, h, thrust_, x, step); !done) return done;
+    if (const Result<void> done = process_.step(epoch_, *h, thrust_, x, step); !done) return done;
     x_ = x;
     time_update(covariance_, step.phi, step.noise);
-    epoch_ = epoch_ + h;
+    epoch_ = epoch_ + *h;
   }
   return {};
 }
@@ -156,10 +149,14 @@ Result<Filter::Prediction> Filter::predict(const StateVector& x, const BeaconMea
   return out;
 }
 
+BeaconErrors Filter::errors_of(int beacon) const {
+  return beacon < 0 ? BeaconErrors{} : settings_.beacon_errors[static_cast<std::size_t>(beacon)];
+}
+
 int Filter::beacon_of(BodyId body) const {
   if (body == BodyId{}) return -1;
   for (int i = 0; i < kBeaconBodies; ++i)
-    if (settings_.beacon_errors[static_cast<std::size_t>(i)].body == body) return i;
+    if (errors_of(i).body == body) return i;
   return -1;
 }
 
@@ -182,9 +179,7 @@ double Filter::noise_scale(BodyId body) const {
 // The bias forgets the last window: its rows leave the covariance, and come back with everything that will be the same
 // in all images of this one.
 void Filter::start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
-  const int beacon = beacon_of(measurement.body);
-  const double ephemeris_m = beacon < 0 ? 0.0 : settings_.beacon_errors[static_cast<std::size_t>(beacon)].ephemeris_m;
-  const Mat23 by_body = ephemeris_m * prediction.by_position;
+  const Mat23 by_body = errors_of(beacon_of(measurement.body)).ephemeris_m * prediction.by_position;
   const double repeating2 =
       settings_.bias.sigma * settings_.bias.sigma + measurement.repeating_sigma_px * measurement.repeating_sigma_px;
   const Mat2 covariance = repeating2 * Mat2::Identity() + by_body * by_body.transpose();
@@ -417,14 +412,10 @@ Result<DirectionPrediction> Filter::predict_direction(BodyId body) const {
   Eigen::Matrix<double, 3, kStates> by_state = Eigen::Matrix<double, 3, kStates>::Zero();
   by_state.middleCols<3>(index::position) = sight.by_position * unit::length_m;
   by_state.middleCols<3>(index::velocity) = sight.by_velocity * unit::velocity_m_s;
-  double ephemeris_m = 0.0;
-  if (beacon >= 0) {
-    ephemeris_m = settings_.beacon_errors[static_cast<std::size_t>(beacon)].ephemeris_m;
-    if (settings.centre_of_light_scale != 0.0)
-      by_state.col(index::photocentre + beacon) =
-          settings_.sight.centre_of_light_scale / settings.centre_of_light_scale * sight.shift_N;
-  }
-  const Mat3 by_body = ephemeris_m * sight.by_position;
+  if (beacon >= 0 && settings.centre_of_light_scale != 0.0)
+    by_state.col(index::photocentre + beacon) =
+        settings_.sight.centre_of_light_scale / settings.centre_of_light_scale * sight.shift_N;
+  const Mat3 by_body = errors_of(beacon).ephemeris_m * sight.by_position;
   const Eigen::Matrix<double, 3, kStates> f = by_state * covariance_.u;
   return DirectionPrediction{sight.direction_N,
                              f * covariance_.d.asDiagonal() * f.transpose() + by_body * by_body.transpose(),

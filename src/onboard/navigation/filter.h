@@ -62,6 +62,9 @@ struct FilterSettings {
   std::array<BeaconErrors, kBeaconBodies> beacon_errors{};  // unused entries have body 0
 };
 
+// The process that such a filter runs on.
+Process process_of(const FilterSettings& settings, const Ephemeris& ephemeris);
+
 struct InitialState {
   Epoch epoch;
   State state;                     // barycentric
@@ -143,19 +146,20 @@ class Filter {
     double sum2 = 0.0, noise = 0.0;  // traces, px2
   };
 
+  using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;  // of a pixel by the non-dimensional state
   struct Prediction {
     PixelPrediction pixel;
-    Eigen::Matrix<double, 2, kStates> by_state;  // non-dimensional
+    MeasurementMatrix by_state;
   };
   Result<Prediction> predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
                              const Vec3& p_sun) const;
   void start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction);
-  using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;  // of a pixel by the non-dimensional state
   bool recover(const MeasurementMatrix& by_state);
   bool undo(const MeasurementMatrix& by_state, const Vec2& mean);
   bool allow_push(const MeasurementMatrix& by_state, const Vec2& mean);
   bool allow_displacement(const MeasurementMatrix& by_state, const Vec2& mean);
-  int beacon_of(BodyId body) const;  // index into the beacon errors, or -1
+  int beacon_of(BodyId body) const;          // index into the beacon errors, or -1
+  BeaconErrors errors_of(int beacon) const;  // none where there is no such beacon
   NoiseScale* scale_of(BodyId body);
 
   FilterSettings settings_;

@@ -212,7 +212,9 @@ Consistency fly_campaign(const FilterSettings& truth_settings, const FilterSetti
                                            &truth.random(), truth.xi_c(), {150.0, -100.0});
           if (upsets.image && !upsets.image(cycle, window, m, truth.random())) continue;
           const UpdateResult result = filter.update(m);
-          if (!upsets.image) EXPECT_EQ(result.window_started, image == 0);
+          if (!upsets.image) {
+            EXPECT_EQ(result.window_started, image == 0);
+          }
           out.rejected += !result.accepted;
           out.nis_sum += result.nis;
           ++out.nis_count;

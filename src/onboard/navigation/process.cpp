@@ -29,6 +29,12 @@ void thrust_axes(const Vec3& u, Vec3& e1, Vec3& e2) {
   e2 = u.cross(e1);
 }
 
+Result<void> check_law(const GaussMarkov& law) {
+  if (law.tau_s > 0.0 && law.sigma >= 0.0) return {};
+  return fail(ErrorCode::invalid_argument, "a Gauss-Markov law has sigma {0} and time constant {1} s",
+              {law.sigma, law.tau_s});
+}
+
 }  // namespace
 
 StateMatrix FactorisedCovariance::dense() const {
@@ -126,15 +132,10 @@ Process::Process(const ProcessSettings& settings, const Ephemeris& ephemeris, co
 Result<void> Process::check(Epoch epoch) const {
   if (sun_ < 0) return fail(ErrorCode::invalid_argument, "the list of attractors lacks the Sun");
   if (!constants_known_) return fail(ErrorCode::not_found, "an attractor's gravitational parameter is not known");
-  const auto sound = [](const GaussMarkov& law) { return law.tau_s > 0.0 && law.sigma >= 0.0; };
-  const auto unsound = [](const GaussMarkov& law) {
-    return fail(ErrorCode::invalid_argument, "a Gauss-Markov law has sigma {0} and time constant {1} s",
-                {law.sigma, law.tau_s});
-  };
   for (const GaussMarkov& law : {settings_.acceleration, settings_.thrust_magnitude, settings_.thrust_pointing})
-    if (!sound(law)) return unsound(law);
+    if (const Result<void> sound = check_law(law); !sound) return sound;
   for (const GaussMarkov& law : slow_)
-    if (!sound(law)) return unsound(law);
+    if (const Result<void> sound = check_law(law); !sound) return sound;
   if (!(settings_.step_share > 0.0) || settings_.max_step <= Duration())
     return fail(ErrorCode::invalid_argument, "step share {0} and longest step {1} s must be positive",
                 {settings_.step_share, settings_.max_step.seconds()});
@@ -170,6 +171,14 @@ Result<Duration> Process::step_length(Epoch epoch, const StateVector& x) {
   double h_s = settings_.step_share * std::sqrt(shortest2) * unit::time_s;
   h_s = std::min({h_s, settings_.max_step.seconds(), 0.5 * settings_.acceleration.tau_s});
   return Duration::seconds(std::max(h_s, 1e-3));
+}
+
+Result<Duration> Process::step_towards(Epoch epoch, Epoch to, const StateVector& x) {
+  const Result<Duration> longest = step_length(epoch, x);
+  if (!longest) return longest;
+  const std::int64_t left = (to - epoch).nanoseconds();
+  const std::int64_t steps = (left + longest->nanoseconds() - 1) / longest->nanoseconds();
+  return Duration::nanoseconds((left + steps - 1) / steps);
 }
 
 Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateVector& x, Step& out) {

@@ -83,6 +83,8 @@ class Process {
   };
   // Step length that keeps RK4's error below 1 m in ten days.
   Result<Duration> step_length(Epoch epoch, const StateVector& x);
+  // The first of equal steps to an epoch that lies ahead, so that none is a splinter.
+  Result<Duration> step_towards(Epoch epoch, Epoch to, const StateVector& x);
   // One RK4 step of x (non-dimensional) together with its transition matrix and process noise.
   Result<void> step(Epoch epoch, Duration h, const Thrust& thrust, StateVector& x, Step& out);
 

@@ -14,13 +14,6 @@ namespace {
 // that below this nothing is known; what is dropped are combinations known to 1e-6 of the sigmas of their members.
 constexpr double kLeastEigenvalue = 1e-12;
 
-Process::Photocentres photocentres(const FilterSettings& settings) {
-  Process::Photocentres out;
-  for (std::size_t i = 0; i < out.size(); ++i)
-    out[i] = {settings.beacon_errors[i].photocentre_fraction, settings.photocentre_tau_s};
-  return out;
-}
-
 // Standard deviations as units; 1 where there is nothing to scale.
 StateVector units_of(const StateMatrix& P) {
   return P.diagonal().unaryExpr([](double variance) { return variance > 0.0 ? std::sqrt(variance) : 1.0; });
@@ -84,8 +77,7 @@ Result<std::vector<SmoothedState>> smooth(const std::vector<FilterRecord>& recor
 }
 
 RecordedFilter::RecordedFilter(const FilterSettings& settings, const Ephemeris& ephemeris)
-    : filter_(settings, ephemeris),
-      process_(settings.process, ephemeris, settings.focal, settings.k1, settings.bias, photocentres(settings)) {}
+    : filter_(settings, ephemeris), process_(process_of(settings, ephemeris)) {}
 
 FilterRecord RecordedFilter::now() const {
   FilterRecord record;
@@ -117,16 +109,13 @@ Result<void> RecordedFilter::propagate_to(Epoch epoch) {
   Process::Step step;
   while (result && filter_.epoch() < epoch) {
     StateVector x = filter_.state_vector().cwiseQuotient(units);
-    const Result<Duration> longest = process_.step_length(filter_.epoch(), x);
-    if (!longest) {
-      result = forward(longest);
+    const Result<Duration> h = process_.step_towards(filter_.epoch(), epoch, x);
+    if (!h) {
+      result = forward(h);
       break;
     }
-    const std::int64_t left = (epoch - filter_.epoch()).nanoseconds();
-    const std::int64_t steps = (left + longest->nanoseconds() - 1) / longest->nanoseconds();
-    const Duration h = Duration::nanoseconds((left + steps - 1) / steps);
-    result = process_.step(filter_.epoch(), h, thrust_, x, step);
-    if (result) result = filter_.propagate_to(filter_.epoch() + h);
+    result = process_.step(filter_.epoch(), *h, thrust_, x, step);
+    if (result) result = filter_.propagate_to(filter_.epoch() + *h);
     if (!result) break;
     phi = (step.phi * phi).eval();
     q = (step.phi * q * step.phi.transpose() + step.noise.n * step.noise.q.asDiagonal() * step.noise.n.transpose())

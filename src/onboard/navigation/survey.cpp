@@ -7,6 +7,7 @@
 #include <Eigen/Cholesky>
 
 #include "foundation/math/rotation.h"
+#include "models/ephemeris/ecliptic.h"
 #include "models/photometry/photometry.h"
 
 namespace astronav::navigation {
@@ -15,13 +16,11 @@ namespace {
 constexpr std::array kBodies{body::mercury, body::venus,   body::earth,  body::moon,
                              body::mars,    body::jupiter, body::saturn, body::uranus};
 constexpr std::int8_t kNothing = -1;
-constexpr double kGate1 = 23.9;                        // chi-square, one degree of freedom: one in a million
-constexpr double kGate2 = 27.6;                        // two degrees
-constexpr double kMagnitudes = 6.0;                    // over which false spots are spread
-constexpr double kEdgePx = 20.0;                       // a planet nearer to the edge may be lost
-constexpr double kBlendPx = 6.0;                       // two bodies nearer to each other may be one spot
-constexpr double kObliquity = 84381.448 * kArcsecond;  // of the ecliptic of J2000, IAU 1976
-const Vec3 kEclipticNorth(0.0, -std::sin(kObliquity), std::cos(kObliquity));
+constexpr double kGate1 = 23.9;      // chi-square, one degree of freedom: one in a million
+constexpr double kGate2 = 27.6;      // two degrees
+constexpr double kMagnitudes = 6.0;  // over which false spots are spread
+constexpr double kEdgePx = 20.0;     // a planet nearer to the edge may be lost
+constexpr double kBlendPx = 6.0;     // two bodies nearer to each other may be one spot
 
 using Naming = std::array<std::int8_t, kMaxSurveySpots>;  // index into kBodies
 
@@ -55,10 +54,7 @@ class Surveyor {
     return at;
   }
   double seconds(std::size_t frame) const { return (frames_[frame].epoch - frames_[0].epoch).seconds(); }
-  // A circle in the plane of the ecliptic.
-  Vec3 guessed_velocity(const Vec3& p) const {
-    return kEclipticNorth.cross(p).normalized() * std::sqrt(gm_sun_ / p.norm());
-  }
+  Vec3 guessed_velocity(const Vec3& p) const { return circular_velocity(p, gm_sun_); }
   double sight_sigma(const SurveySpot& spot, double distance) const;
   // How far a body, seen from p, stands off the sight of a spot; nothing where it is behind the spacecraft.
   struct Miss {
@@ -123,7 +119,7 @@ std::optional<Surveyor::Miss> Surveyor::miss(const SurveySpot& spot, int body, c
 
 bool Surveyor::possible(const Vec3& p) const {
   const Vec3 from_sun = (p - sun_[0]) / kAstronomicalUnit;
-  const double height = from_sun.dot(kEclipticNorth);
+  const double height = from_sun.dot(ecliptic_north_N());
   return from_sun.norm() > settings_.least_distance_au && from_sun.norm() < settings_.most_distance_au &&
          std::abs(height) < settings_.most_height_au;
 }
@@ -341,6 +337,10 @@ Result<SurveySolution> Surveyor::answer() const {
 }
 
 }  // namespace
+
+Vec3 circular_velocity(const Vec3& p_from_sun_N, double gm_sun_m3_s2) {
+  return ecliptic_north_N().cross(p_from_sun_N).normalized() * std::sqrt(gm_sun_m3_s2 / p_from_sun_N.norm());
+}
 
 Result<SurveySolution> survey(const Ephemeris& ephemeris, std::span<const SurveyFrame> frames,
                               std::span<const SurveySpot> spots, const SurveySettings& settings) {

@@ -71,6 +71,9 @@ struct SurveySolution {
   double runner_up = 0.0;  // probability of the next best naming
 };
 
+// Of a circle around the Sun in the plane of the ecliptic, the way the planets go; N, m/s.
+Vec3 circular_velocity(const Vec3& p_from_sun_N, double gm_sun_m3_s2);
+
 // no_match where no naming explains the spots, or several do about as well (then the error names both probabilities);
 // invalid_argument for no frames, too many, or a spot of a frame that is not there.
 Result<SurveySolution> survey(const Ephemeris& ephemeris, std::span<const SurveyFrame> frames,

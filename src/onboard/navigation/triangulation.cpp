@@ -15,25 +15,24 @@
 namespace astronav::navigation {
 namespace {
 
-// Two axes across a direction.
-Eigen::Matrix<double, 3, 2> axes_across(const Vec3& direction) {
-  Eigen::Matrix<double, 3, 2> axes;
-  axes.col(0) = direction.unitOrthogonal();
-  axes.col(1) = direction.cross(axes.col(0));
-  return axes;
-}
-
 bool makes_sense(const LineOfSight& sight) {
   return std::abs(sight.direction_N.norm() - 1.0) < 1e-6 && sight.p_beacon_O_N.allFinite() &&
          sight.covariance_rad2.allFinite() && sight.covariance_rad2.trace() > 0.0 && sight.beacon_sigma_m >= 0.0;
 }
 
-Mat2 variance_across(const LineOfSight& sight, const Eigen::Matrix<double, 3, 2>& across, double distance) {
+Mat2 variance_across(const LineOfSight& sight, const Axes2& across, double distance) {
   return distance * distance * across.transpose() * sight.covariance_rad2 * across +
          sight.beacon_sigma_m * sight.beacon_sigma_m * Mat2::Identity();
 }
 
 }  // namespace
+
+Axes2 axes_across(const Vec3& direction) {
+  Axes2 axes;
+  axes.col(0) = direction.unitOrthogonal();
+  axes.col(1) = direction.cross(axes.col(0));
+  return axes;
+}
 
 Result<Triangulation> triangulate(std::span<const LineOfSight> sights, const TriangulationSettings& settings) {
   if (sights.size() < 2)

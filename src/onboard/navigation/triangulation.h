@@ -19,6 +19,10 @@
 
 namespace astronav::navigation {
 
+// Two axes across a unit vector.
+using Axes2 = Eigen::Matrix<double, 3, 2>;
+Axes2 axes_across(const Vec3& direction);
+
 struct LineOfSight {
   Vec3 direction_N = Vec3::UnitZ();     // towards the beacon, free of aberration
   Mat3 covariance_rad2 = Mat3::Zero();  // of the direction; what it says along the direction does not count

@@ -14,7 +14,6 @@ namespace {
 constexpr int kSide = kMaxFitWindow + 1;                                     // of the picture of one spot
 constexpr Pixel kPlace{0.5 * (kSide - 1) + 0.25, 0.5 * (kSide - 1) + 0.25};  // between a pixel's middle and its corner
 constexpr double kMagStep = 0.5;                                             // stars are forecast in classes of so much
-constexpr int kMagClasses = 24;
 constexpr double kBrightestClass = -2.0;
 
 using SpotPicture = std::array<float, static_cast<std::size_t>(kSide) * kSide>;
@@ -74,6 +73,16 @@ SpotForecast forecast_spot(const SensorModel& sensor, const LocalPsf& psf, doubl
   return out;
 }
 
+ExposureSettings ExposureSettings::of(const Camera& camera, double v0_e_s) {
+  const Detector& d = camera.detector;
+  ExposureSettings out;
+  out.longest_s = camera.exposure_s;
+  out.shortest_s = camera.exposure_s / 64.0;
+  out.star_dn_s = v0_e_s / d.gain_e_dn;
+  out.sky_dn_s = (d.background_e_s_px + d.dark_current_e_s * dark_factor(d)) / d.gain_e_dn;
+  return out;
+}
+
 ExposureControl::ExposureControl(const ExposureSettings& settings, const SensorModel& sensor, const Intrinsics& camera,
                                  const StarField& field)
     : settings_(settings),
@@ -81,7 +90,23 @@ ExposureControl::ExposureControl(const ExposureSettings& settings, const SensorM
       field_(&field),
       radius_rad_(std::sqrt(camera.field_of_view_horizontal_rad() * camera.field_of_view_vertical_rad() / kPi)) {}
 
+ExposureControl::Census ExposureControl::stars_around(const Vec3& direction_N) const {
+  Census count{};
+  std::array<std::uint32_t, 4096> stars;
+  const std::size_t seen = field_->cone(direction_N, radius_rad_, stars);
+  for (std::size_t i = 0; i < seen; ++i) {
+    const double at = (static_cast<double>(field_->stars()[stars[i]].v_mag) - kBrightestClass) / kMagStep;
+    ++count[static_cast<std::size_t>(std::clamp(at, 0.0, kMagClasses - 1.0))];
+  }
+  return count;
+}
+
 ExposureForecast ExposureControl::forecast(const Vec3& direction_N, double planet_dn_s, const LocalPsf& psf,
+                                           double exposure_s) const {
+  return forecast(stars_around(direction_N), planet_dn_s, psf, exposure_s);
+}
+
+ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn_s, const LocalPsf& psf,
                                            double exposure_s) const {
   const double read_dn = sensor_.read_noise_e / sensor_.gain_e_dn;
   constexpr double kQuantisation = 1.0 / 12.0;
@@ -91,13 +116,6 @@ ExposureForecast ExposureControl::forecast(const Vec3& direction_N, double plane
   out.exposure_s = exposure_s;
   out.planet = forecast_spot(sensor_, psf.of_body(), planet_dn_s * exposure_s, noise_dn);
 
-  std::array<int, kMagClasses> count{};
-  std::array<std::uint32_t, 4096> stars;
-  const std::size_t seen = field_->cone(direction_N, radius_rad_, stars);
-  for (std::size_t i = 0; i < seen; ++i) {
-    const double at = (static_cast<double>(field_->stars()[stars[i]].v_mag) - kBrightestClass) / kMagStep;
-    ++count[static_cast<std::size_t>(std::clamp(at, 0.0, kMagClasses - 1.0))];
-  }
   double information = 0.0;
   for (std::size_t k = 0; k < count.size(); ++k) {
     if (count[k] == 0) continue;
@@ -116,11 +134,12 @@ ExposureForecast ExposureControl::forecast(const Vec3& direction_N, double plane
 }
 
 ExposureForecast ExposureControl::choose(const Vec3& direction_N, double planet_dn_s, const LocalPsf& psf) const {
-  ExposureForecast best = forecast(direction_N, planet_dn_s, psf, settings_.longest_s);
+  const Census stars = stars_around(direction_N);
+  ExposureForecast best = forecast(stars, planet_dn_s, psf, settings_.longest_s);
   const auto serves = [&](const ExposureForecast& f) { return f.planet.measured && f.stars >= settings_.least_stars; };
   constexpr double kHalfStop = 0.70710678118654752;
   for (double t = settings_.longest_s * kHalfStop; t >= settings_.shortest_s; t *= kHalfStop) {
-    const ExposureForecast shorter = forecast(direction_N, planet_dn_s, psf, t);
+    const ExposureForecast shorter = forecast(stars, planet_dn_s, psf, t);
     if (!serves(shorter)) continue;
     if (!serves(best) || shorter.window_px < best.window_px) best = shorter;
   }

@@ -8,12 +8,18 @@
 // (docs/theory/vision.md, Exposure). No heap.
 #pragma once
 
+#include <array>
+
 #include "onboard/vision/psf_model.h"
 #include "onboard/vision/star_field.h"
 
 namespace astronav::vision {
 
 struct ExposureSettings {
+  static constexpr double kStarColour = 0.6;  // B - V of the star that `star_dn_s` is meant for
+  // Of a camera's own exposure and down to a 64th of it; `v0_e_s`: flux of V = 0 in its band, electrons/s.
+  static ExposureSettings of(const Camera& camera, double v0_e_s);
+
   double shortest_s = 0.0125;
   double longest_s = 0.4;      // what drift and jitter of the platform allow
   int images = 36;             // of a window: what does not repeat averages over them
@@ -53,6 +59,11 @@ class ExposureControl {
   ExposureForecast choose(const Vec3& direction_N, double planet_dn_s, const LocalPsf& psf) const;
 
  private:
+  static constexpr int kMagClasses = 24;  // of half a magnitude, from V -2
+  using Census = std::array<int, kMagClasses>;
+  Census stars_around(const Vec3& direction_N) const;
+  ExposureForecast forecast(const Census& stars, double planet_dn_s, const LocalPsf& psf, double exposure_s) const;
+
   ExposureSettings settings_;
   SensorModel sensor_;
   const StarField* field_;

@@ -303,7 +303,7 @@ std::size_t Identifier::place(const Mat3& R_CN, std::span<Pixel> out) const {
   for (const Star& star : stars_) {
     if (count == out.size()) break;
     const Result<Pixel> pixel = project(believed_, R_CN * star.direction_N);
-    if (pixel && in_frame(*pixel)) out[count++] = *pixel;
+    if (pixel && believed_.contains(*pixel)) out[count++] = *pixel;
   }
   return count;
 }

@@ -135,7 +135,6 @@ class Identifier {
             std::size_t enough);
   void drop_mixed(std::span<const Centroid> spots);
   void drop_wrong_brightness(std::span<const Centroid> spots);
-  bool in_frame(const Pixel& pixel) const;
   double zero_point(const Star& star, std::span<const Centroid> spots) const;
   void mark_stars(std::span<const Centroid> spots, double radius_px);
   double unexplained_sigma_px();

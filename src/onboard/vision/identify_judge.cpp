@@ -57,14 +57,10 @@ void Identifier::attend(const Mat3& R_CN) {
   for (Star& star : stars_) {
     const Result<Pixel> pixel = project(camera_, R_CN * star.direction_N);
     star.attended = false;
-    if (!pixel || !in_frame(*pixel)) continue;
+    if (!pixel || !camera_.contains(*pixel)) continue;
     const int u = static_cast<int>(std::lround(pixel->u)), v = static_cast<int>(std::lround(pixel->v));
     star.attended = attention_->covers({u, v, u, v});
   }
-}
-
-bool Identifier::in_frame(const Pixel& pixel) const {
-  return pixel.u > -0.5 && pixel.v > -0.5 && pixel.u < camera_.width_px - 0.5 && pixel.v < camera_.height_px - 0.5;
 }
 
 // Pairs every star, bright ones first, with the nearest spot, until there are `enough`. Fills sights_; returns their
@@ -82,7 +78,7 @@ int Identifier::match(std::span<const Centroid> spots, const Mat3& R_CN, const I
     Star& star = stars_[k];
     if (!star.attended) continue;
     const Result<Pixel> pixel = project(camera, R_CN * star.direction_N);
-    star.visible = pixel.has_value() && in_frame(*pixel);
+    star.visible = pixel.has_value() && camera_.contains(*pixel);
     if (!star.visible) continue;
     star.pixel = *pixel;
     const int x0 = tile(star.pixel.u - radius_px, grid_width_), x1 = tile(star.pixel.u + radius_px, grid_width_);

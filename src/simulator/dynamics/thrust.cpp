@@ -34,11 +34,9 @@ Result<ThrustHistory> ThrustHistory::fly(ThrustPlan plan, const ThrustErrors& er
       out.masses_.push_back({arc.begin, mass});
     }
     out.knots_.push_back(arc.end);
-    // Between knots the force is linear in time: its mean is that of the ends.
     for (Epoch e = arc.begin; e < arc.end;) {
       const Epoch next = out.unit_errors_.next_knot(e, arc.end);
-      const double mean = 0.5 * (out.magnitude_n(arc, e) + out.magnitude_n(arc, next));
-      mass -= arc.mass_flow_kg_s() * mean / arc.force_n * (next - e).seconds();
+      mass -= out.burnt_kg(arc, e, next);
       out.masses_.push_back({next, mass});
       e = next;
     }
@@ -53,6 +51,12 @@ Result<ThrustHistory> ThrustHistory::as_planned(ThrustPlan plan) {
 
 double ThrustHistory::magnitude_n(const ThrustArc& arc, Epoch epoch) const {
   return arc.force_n * (1.0 + errors_.magnitude_sigma * unit_errors_.at(epoch).x());
+}
+
+// Between knots the force is linear in time: its mean is that of the ends.
+double ThrustHistory::burnt_kg(const ThrustArc& arc, Epoch from, Epoch to) const {
+  const double mean = 0.5 * (magnitude_n(arc, from) + magnitude_n(arc, to));
+  return arc.mass_flow_kg_s() * mean / arc.force_n * (to - from).seconds();
 }
 
 Vec3 ThrustHistory::force_N_n(Epoch epoch) const {
@@ -73,8 +77,7 @@ double ThrustHistory::mass_kg(Epoch epoch) const {
   const MassAt& before = *std::prev(after);
   const ThrustArc* arc = plan_.at(epoch);
   if (arc == nullptr) return before.mass_kg;
-  const double mean = 0.5 * (magnitude_n(*arc, before.epoch) + magnitude_n(*arc, epoch));
-  return before.mass_kg - arc->mass_flow_kg_s() * mean / arc->force_n * (epoch - before.epoch).seconds();
+  return before.mass_kg - burnt_kg(*arc, before.epoch, epoch);
 }
 
 Epoch ThrustHistory::next_knot(Epoch epoch, Epoch limit) const {

@@ -42,6 +42,7 @@ class ThrustHistory {
     double mass_kg = 0.0;
   };
   double magnitude_n(const ThrustArc& arc, Epoch epoch) const;
+  double burnt_kg(const ThrustArc& arc, Epoch from, Epoch to) const;  // both between two knots
 
   ThrustPlan plan_;
   ThrustErrors errors_;

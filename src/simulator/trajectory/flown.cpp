@@ -7,6 +7,12 @@
 
 namespace astronav::trajectory {
 
+Result<FlightPlan> plan_along(const Trajectory& designed, ThrustPlan thrust) {
+  const auto initial = designed.state(designed.begin());
+  if (!initial) return forward(initial);
+  return FlightPlan{designed.begin(), designed.end(), *initial, std::move(thrust)};
+}
+
 Result<Flight> fly(const Ephemeris& ephemeris, const dynamics::ForceSettings& forces, const FlightPlan& plan,
                    const Disturbances& disturbances, std::uint64_t seed, std::uint64_t sample) {
   const auto stream = [&](const char* purpose) {

@@ -9,6 +9,7 @@
 #include "models/ephemeris/ephemeris.h"
 #include "models/oem/thrust_plan.h"
 #include "simulator/dynamics/propagation.h"
+#include "simulator/trajectory/trajectory.h"
 
 namespace astronav::trajectory {
 
@@ -17,6 +18,9 @@ struct FlightPlan {
   State initial;           // at `begin`, barycentric, N
   ThrustPlan thrust = {};  // without arcs: a ballistic cruise
 };
+
+// As designed: from the trajectory's first state to its end.
+Result<FlightPlan> plan_along(const Trajectory& designed, ThrustPlan thrust = {});
 
 // All off by default.
 struct Disturbances {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/belief.h"
 
-#include <algorithm>
 #include <cstddef>
 #include <string>
 
@@ -10,7 +9,8 @@
 
 namespace astronav::loop {
 
-Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, const Camera& camera, Level level) {
+Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, const Camera& camera, Level level,
+                                                   double mass_kg) {
   const scenario::OnboardFilter& belief = s.onboard.filter;
   navigation::FilterSettings settings;
   settings.process.attractors = {};
@@ -27,7 +27,7 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
     }
     settings.process.attractors[count++] = *id;
   }
-  settings.process.reflectivity_area_m2 = belief.area_to_mass_cr_m2_kg * kBelievedMassKg;
+  settings.process.reflectivity_area_m2 = belief.area_to_mass_cr_m2_kg * mass_kg;
   settings.process.solar_pressure.sigma = belief.srp_scale_sigma;
   settings.process.acceleration = {.sigma = belief.acceleration_sigma_m_s2,
                                    .tau_s = belief.acceleration_tau_days * 86400.0};
@@ -68,18 +68,13 @@ vision::VisionSettings vision_settings(const scenario::Scenario& s) {
   return settings;
 }
 
-vision::ExposureSettings exposure_settings(const scenario::Scenario& s, const Camera& camera) {
-  constexpr double kStarColour = 0.6;  // B - V
-  vision::ExposureSettings settings;
-  settings.longest_s = camera.exposure_s;
-  settings.shortest_s = camera.exposure_s / 64.0;
-  settings.images =
-      std::max(1, static_cast<int>(s.conops.tracking_min * 60.0 / std::max(1.0, s.conops.image_period_s)));
+Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& s, const Camera& camera) {
+  const auto cycle = cycle_settings(s);
+  if (!cycle) return forward(cycle);
+  auto settings = vision::ExposureSettings::of(
+      camera, BandPhotometry(camera).flux(0.0, vision::ExposureSettings::kStarColour).electrons_per_s);
+  settings.images = cycle->images_per_window();
   settings.threshold_sigma = s.onboard.vision.threshold_sigma;
-  const double gain = camera.detector.gain_e_dn;
-  settings.star_dn_s = BandPhotometry(camera).flux(0.0, kStarColour).electrons_per_s / gain;
-  settings.sky_dn_s =
-      (camera.detector.background_e_s_px + camera.detector.dark_current_e_s * dark_factor(camera.detector)) / gain;
   return settings;
 }
 

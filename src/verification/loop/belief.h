@@ -19,9 +19,9 @@ inline constexpr double kBelievedMassKg = 25.0;
 
 // Sights without images (mil) carry no camera errors: the camera states are off there.
 Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& scenario, const Camera& camera,
-                                                   Level level);
+                                                   Level level, double mass_kg = kBelievedMassKg);
 vision::VisionSettings vision_settings(const scenario::Scenario& scenario);
-vision::ExposureSettings exposure_settings(const scenario::Scenario& scenario, const Camera& camera);
+Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& scenario, const Camera& camera);
 navigation::BeaconSettings beacon_settings(const scenario::Scenario& scenario, const Camera& camera);
 Result<executive::CycleSettings> cycle_settings(const scenario::Scenario& scenario);
 

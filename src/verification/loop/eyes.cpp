@@ -62,8 +62,10 @@ Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& w
   eyes->vision_ = std::make_unique<vision::Vision>(vision_settings(s), believed.intrinsics,
                                                    vision::SensorModel::from(believed), eyes->field_, eyes->index_);
   if (belief.exposure == "chosen") {
-    eyes->exposure_ = std::make_unique<vision::ExposureControl>(
-        exposure_settings(s, believed), vision::SensorModel::from(believed), believed.intrinsics, eyes->field_);
+    const auto exposure = exposure_settings(s, believed);
+    if (!exposure) return forward(exposure);
+    eyes->exposure_ = std::make_unique<vision::ExposureControl>(*exposure, vision::SensorModel::from(believed),
+                                                                believed.intrinsics, eyes->field_);
   }
   eyes->known_latency_s_ = 1e-3 * believed.detector.time_tag_latency_ms;
   eyes->frame_ = ImageU16(believed.intrinsics.width_px, believed.intrinsics.height_px);

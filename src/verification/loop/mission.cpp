@@ -80,9 +80,8 @@ class Flight {
 
 Result<Records> Flight::fly() {
   const auto started = Clock::now();
-  auto filter = filter_settings(scenario_, believed_camera_, options_.level);
+  const auto filter = filter_settings(scenario_, believed_camera_, options_.level, believed_mass_kg());
   if (!filter) return forward(filter);
-  filter->process.reflectivity_area_m2 = scenario_.onboard.filter.area_to_mass_cr_m2_kg * believed_mass_kg();
   const auto cycle = cycle_settings(scenario_);
   if (!cycle) return forward(cycle);
   const Epoch begin = world_.trajectory().begin();

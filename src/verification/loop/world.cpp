@@ -57,11 +57,9 @@ Result<trajectory::FlightPlan> planned_thrust(const scenario::Mission& mission,
                                               const trajectory::Trajectory& designed) {
   const auto file = MappedFile::open(mission.thrust_plan);
   if (!file) return forward(file);
-  auto plan = parse_thrust_plan(file->text(), file->path().string());
-  if (!plan) return forward(plan);
-  const auto initial = designed.state(designed.begin());
-  if (!initial) return forward(initial);
-  return trajectory::FlightPlan{designed.begin(), designed.end(), *initial, std::move(*plan)};
+  auto thrust = parse_thrust_plan(file->text(), file->path().string());
+  if (!thrust) return forward(thrust);
+  return trajectory::plan_along(designed, std::move(*thrust));
 }
 
 Result<trajectory::TrajectoryPtr> read_trajectory(const scenario::Mission& mission, const MappedFile& file,
@@ -130,24 +128,24 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
   if (!catalogue) return forward(catalogue, world->catalogue_file_.path().string());
   world->catalogue_ = std::move(*catalogue);
 
-  const auto forces = true_forces(s.truth.dynamics);
-  if (!forces) return forward(forces);
+  const bool with_thrust = !s.mission.thrust_plan.empty();
   if (!s.mission.trajectory_file.empty()) {
     auto file = MappedFile::open(s.mission.trajectory_file);
     if (!file) return forward(file);
     world->trajectory_file_ = std::move(*file);
-    const MappedFile& kernel =
-        s.data.truth_ephemeris_file.empty() ? world->ephemeris_file_ : world->truth_ephemeris_file_;
-    auto read = read_trajectory(s.mission, world->trajectory_file_, kernel, world->ephemeris_);
+    const MappedFile& planets = world->has_own_ephemeris() ? world->truth_ephemeris_file_ : world->ephemeris_file_;
+    auto read = read_trajectory(s.mission, world->trajectory_file_, planets, world->ephemeris_);
     if (!read) return forward(read);
     world->trajectory_ = std::move(*read);
-  }
-  if (!s.mission.thrust_plan.empty() && !world->trajectory_)
+  } else if (with_thrust) {
     return fail(ErrorCode::invalid_argument, "a thrust plan needs the state that it begins from: trajectory_file", {},
                 "mission.thrust_plan");
-  if (!world->trajectory_ || !s.mission.thrust_plan.empty()) {
-    const auto plan = s.mission.thrust_plan.empty() ? planned_transfer(s, world->ephemeris_, *forces)
-                                                    : planned_thrust(s.mission, *world->trajectory_);
+  }
+  if (!world->trajectory_ || with_thrust) {
+    const auto forces = true_forces(s.truth.dynamics);
+    if (!forces) return forward(forces);
+    const auto plan =
+        with_thrust ? planned_thrust(s.mission, *world->trajectory_) : planned_transfer(s, world->ephemeris_, *forces);
     if (!plan) return forward(plan);
     if (const auto flown = world->fly(s, *plan, *forces, seed, sample); !flown) return forward(flown);
   }
