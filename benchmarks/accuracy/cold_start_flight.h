@@ -33,7 +33,7 @@ inline constexpr int kImages = 36;
 
 // At the end of a cycle's second window.
 struct Reading {
-  Eigen::Matrix<double, 6, 1> error = Eigen::Matrix<double, 6, 1>::Zero();
+  Vec6 error = Vec6::Zero();
   navigation::Mat6 covariance = navigation::Mat6::Identity();
   double nees() const { return error.dot(covariance.inverse() * error); }
 };
@@ -340,7 +340,7 @@ struct Pool {
 
  private:
   Axes axes(int cycle, std::vector<Reading> Outcome::*which) const {
-    Eigen::Matrix<double, 6, 1> square = Eigen::Matrix<double, 6, 1>::Zero(), formal = square;
+    Vec6 square = Vec6::Zero(), formal = square;
     Axes out;
     for (const Outcome& outcome : outcomes_) {
       const Reading& r = (outcome.*which)[static_cast<std::size_t>(cycle)];

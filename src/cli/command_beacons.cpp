@@ -164,7 +164,7 @@ class Companion {
     return out;
   }
 
-  Result<navigation::Mat6> covariance_at(Epoch epoch) {
+  Result<Mat6> covariance_at(Epoch epoch) {
     if (const auto moved = filter_.propagate_to(epoch); !moved) return forward(moved);
     return filter_.covariance_pv();
   }

@@ -11,6 +11,8 @@ using Vec3 = Eigen::Vector3d;
 using Mat2 = Eigen::Matrix2d;
 using Mat3 = Eigen::Matrix3d;
 using Mat23 = Eigen::Matrix<double, 2, 3>;
+using Vec6 = Eigen::Matrix<double, 6, 1>;  // position and velocity, mostly
+using Mat6 = Eigen::Matrix<double, 6, 6>;
 
 inline constexpr double kPi = 3.14159265358979323846;
 inline constexpr double kDegree = kPi / 180.0;               // rad

@@ -414,9 +414,9 @@ class Parser {
         if (auto r = require_line("the covariances end without COVARIANCE_STOP"); !r) return r;
       }
       if (orbital_axes) {
-        Eigen::Matrix<double, 6, 6> turn = Eigen::Matrix<double, 6, 6>::Zero();
+        Mat6 turn = Mat6::Zero();
         turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = *orbital_axes;
-        const Eigen::Matrix<double, 6, 6> turned = turn * c.covariance * turn.transpose();
+        const Mat6 turned = turn * c.covariance * turn.transpose();
         c.covariance = 0.5 * (turned + turned.transpose());
       }
       oem_.covariances.push_back(c);

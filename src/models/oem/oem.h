@@ -22,7 +22,7 @@ namespace astronav {
 
 struct OemCovariance {
   Epoch epoch;
-  Eigen::Matrix<double, 6, 6> covariance;  // position, velocity; m, m/s
+  Mat6 covariance;  // position, velocity; m, m/s
 };
 
 struct Oem {

@@ -176,7 +176,7 @@ TEST(Oem, RoundTrip) {
       oem.states.push_back({size * Vec3(random.normal(), random.normal(), random.normal()),
                             std::pow(10.0, random.uniform(-2.0, 5.0)) * Vec3(random.normal(), random.normal(), 1.0)});
     }
-    Eigen::Matrix<double, 6, 6> root;
+    Mat6 root;
     for (int i = 0; i < 36; ++i) root(i / 6, i % 6) = random.normal() * (i < 18 ? 1e6 : 1e-1);
     oem.covariances.push_back({oem.epochs[7], root * root.transpose()});
     oem.covariances.push_back({oem.epochs[9], 2.0 * root * root.transpose()});

@@ -113,7 +113,7 @@ AttitudeUpdate AttitudeFilter::update(const AttitudeMeasurement& measurement) {
     return out;
   }
   const Eigen::Matrix<double, 6, 3> gain = llt.solve(P_.topRows<3>()).transpose();
-  const Eigen::Matrix<double, 6, 1> correction = gain * out.innovation_rad;
+  const Vec6 correction = gain * out.innovation_rad;
   // Joseph's form: positive whatever the rounding.
   Mat6 keep = Mat6::Identity();
   keep.leftCols<3>() -= gain;

@@ -17,8 +17,6 @@
 
 namespace astronav::attitude {
 
-using Mat6 = Eigen::Matrix<double, 6, 6>;
-
 struct GyroModel {
   double angle_random_walk_rad_sqrt_s = 0.15 * kDegree / 60.0;  // 0.15 deg/sqrt(h), a MEMS gyro's
   double bias_random_walk_rad_s_sqrt_s = 1e-7;                  // rad/s per sqrt(s)

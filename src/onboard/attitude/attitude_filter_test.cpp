@@ -47,8 +47,8 @@ AttitudeMeasurement frame(const Craft& craft, const Mat3& R_CB, const Mat3& cova
   return {epoch, rotation_exp(theta) * R_CB * craft.R_BN, covariance};
 }
 
-Eigen::Matrix<double, 6, 1> error_of(const AttitudeFilter& filter, const Craft& craft) {
-  Eigen::Matrix<double, 6, 1> error;
+Vec6 error_of(const AttitudeFilter& filter, const Craft& craft) {
+  Vec6 error;
   error << -rotation_log(craft.R_BN * filter.R_BN().transpose()), craft.bias - filter.gyro_bias_rad_s();
   return error;
 }

@@ -65,8 +65,7 @@ Result<BPlane> b_plane(const State& s, double gm, const Vec3& pole) {
   return out;
 }
 
-Result<BPlaneError> b_plane_error(const State& relative, const Eigen::Matrix<double, 6, 6>& covariance, double gm_m3_s2,
-                                  const Vec3& pole) {
+Result<BPlaneError> b_plane_error(const State& relative, const Mat6& covariance, double gm_m3_s2, const Vec3& pole) {
   const auto nominal = b_plane(relative, gm_m3_s2, pole);
   if (!nominal) return forward(nominal);
   // Derivatives of B on the nominal axes, by central differences: B has a closed form, and is smooth at this scale.
@@ -126,8 +125,7 @@ Result<Epoch> closest_approach(const dynamics::ForceModel& forces, const Ephemer
 }
 
 Result<BPlaneError> arrival_error(const dynamics::ForceModel& forces, const Ephemeris& ephemeris, BodyId planet,
-                                  Epoch from, const State& state, const Eigen::Matrix<double, 6, 6>& covariance,
-                                  Epoch to, const Vec3& pole) {
+                                  Epoch from, const State& state, const Mat6& covariance, Epoch to, const Vec3& pole) {
   const auto constants = body_constants(planet);
   if (!constants) return forward(constants);
   const auto planet_O = ephemeris.state(planet, body::solar_system_barycenter, to);
@@ -142,7 +140,7 @@ Result<BPlaneError> arrival_error(const dynamics::ForceModel& forces, const Ephe
   if (!nominal) return forward(nominal);
   // Steps at which a flight of a year bends by millionths, and its integration errs by less.
   constexpr double kStep_m = 1e4, kStep_m_s = 1e-2;
-  Eigen::Matrix<double, 6, 6> phi;
+  Mat6 phi;
   for (int i = 0; i < 6; ++i) {
     const double step = i < 3 ? kStep_m : kStep_m_s;
     State side[2] = {state, state};

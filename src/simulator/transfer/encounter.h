@@ -46,7 +46,7 @@ struct BPlaneError {
   double semi_minor_m = 0.0;
   double angle_rad = 0.0;  // of the major axis, from T towards R, in (-pi/2, pi/2]
 };
-Result<BPlaneError> b_plane_error(const State& relative, const Eigen::Matrix<double, 6, 6>& covariance, double gm_m3_s2,
+Result<BPlaneError> b_plane_error(const State& relative, const Mat6& covariance, double gm_m3_s2,
                                   const Vec3& pole = Vec3::UnitZ());
 
 // When a barycentric state at `from` passes the planet, to a minute: the least distance before `until` under all
@@ -57,7 +57,7 @@ Result<Epoch> closest_approach(const dynamics::ForceModel& forces, const Ephemer
 // The error of a state far from the planet: barycentric, at `from`, carried to `to` (on the planet's approach) under
 // all forces, and its covariance with the derivatives of that flight.
 Result<BPlaneError> arrival_error(const dynamics::ForceModel& forces, const Ephemeris& ephemeris, BodyId planet,
-                                  Epoch from, const State& state, const Eigen::Matrix<double, 6, 6>& covariance,
-                                  Epoch to, const Vec3& pole = Vec3::UnitZ());
+                                  Epoch from, const State& state, const Mat6& covariance, Epoch to,
+                                  const Vec3& pole = Vec3::UnitZ());
 
 }  // namespace astronav::transfer

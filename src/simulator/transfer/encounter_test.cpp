@@ -62,7 +62,6 @@ TEST(BPlane, StaysAsTheSpacecraftComesNearer) {
 // The ellipse against 4,000 flights with drawn errors: each element of the covariance has a relative scatter of 2.2 %,
 // the limits are 5 of that (false alarms below 1e-5 in all).
 TEST(BPlane, EllipseIsWhatFlightsScatterTo) {
-  using Mat6 = Eigen::Matrix<double, 6, 6>;
   RandomStream random(StreamId{.seed = 2, .purpose = "b-plane"});
   Mat6 root = Mat6::Zero();
   for (int i = 0; i < 6; ++i) {
@@ -74,7 +73,7 @@ TEST(BPlane, EllipseIsWhatFlightsScatterTo) {
   Mat3 scatter = Mat3::Zero();
   const int count = 4000;
   for (int i = 0; i < count; ++i) {
-    Eigen::Matrix<double, 6, 1> n;
+    Vec6 n;
     for (int k = 0; k < 6; ++k) n[k] = random.normal();
     n = root * n;
     const auto b = b_plane({approach().p_m + n.head<3>(), approach().v_m_s + n.tail<3>()}, kMarsGm);
@@ -101,7 +100,7 @@ TEST(BPlane, ArrivalFromAfar) {
   const Epoch from = design->arrival - Duration::days(30.0), to = design->arrival - Duration::days(0.5);
   const State state = design->arc.at(from).value();
   const auto forces = dynamics::ForceModel::create(ephemeris);
-  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
+  Mat6 covariance = Mat6::Zero();
   covariance.diagonal() << 1e8, 4e8, 2e8, 1e-4, 2e-4, 1e-4;  // 10 to 20 km, 1 cm/s
   covariance(0, 3) = covariance(3, 0) = 30.0;
   const auto e = arrival_error(*forces, ephemeris, body::mars, from, state, covariance, to);
@@ -118,7 +117,7 @@ TEST(BPlane, ArrivalFromAfar) {
   EXPECT_GT(e->semi_minor_m, 20e3);
   EXPECT_LT(e->semi_major_m, 60e3);
   // One drawn error, flown: the shift of B against the derivative of that direction, by a covariance of rank one.
-  Eigen::Matrix<double, 6, 1> d;
+  Vec6 d;
   d << 1e4, -2e4, 1e4, 0.01, 0.01, -0.01;
   const auto along = arrival_error(*forces, ephemeris, body::mars, from, state, d * d.transpose(), to);
   const State moved{state.p_m + d.head<3>(), state.v_m_s + d.tail<3>()};

@@ -15,7 +15,6 @@
 namespace astronav::transfer {
 namespace {
 
-using Mat6 = Eigen::Matrix<double, 6, 6>;
 using Mat69 = Eigen::Matrix<double, 6, 9>;  // derivatives by the state at a segment's begin, and by its thrust
 
 constexpr double kLeastLevel = 0.02;  // of thrust; below it an arc is not flown

@@ -11,8 +11,6 @@
 namespace astronav::transfer {
 namespace {
 
-using Mat6 = Eigen::Matrix<double, 6, 6>;
-
 constexpr double kFreeWeight = 1e-3;  // of |u|^2/2 of a control that costs nothing
 
 // Length of the best control for a primer of length p, what it is worth, and how it grows with p.

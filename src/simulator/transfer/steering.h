@@ -17,7 +17,6 @@
 
 namespace astronav::transfer {
 
-using Vec6 = Eigen::Matrix<double, 6, 1>;
 using Mat63 = Eigen::Matrix<double, 6, 3>;
 
 struct Control {
