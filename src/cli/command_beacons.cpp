@@ -32,7 +32,7 @@ struct Options {
   std::string scenario = "earth-mars-ballistic";
   std::vector<std::string> set;
   std::uint64_t seed = 1;
-  std::string mode = "static";
+  std::string mode;  // empty: as the scenario says
   bool json = false;
 };
 
@@ -194,7 +194,7 @@ class Companion {
 Result<int> run(const Options& options) {
   const auto draft = read_draft(options.scenario, options.set);
   if (!draft) return forward(draft);
-  const auto scenario = draft->resolve(options.seed);
+  auto scenario = draft->resolve(options.seed);
   if (!scenario) return forward(scenario);
   const auto camera = scenario::onboard_camera(*scenario);
   if (!camera) return forward(camera);
@@ -202,11 +202,8 @@ Result<int> run(const Options& options) {
   if (!world) return forward(world);
   const auto cycle_settings = loop::cycle_settings(*scenario);
   if (!cycle_settings) return forward(cycle_settings);
-  navigation::BeaconSettings settings = loop::beacon_settings(*scenario, *camera);
-  settings.mode =
-      options.mode == "filter" ? navigation::BeaconMode::filter_merit : navigation::BeaconMode::static_merit;
-  settings.slew_s = cycle_settings->slew.seconds();
-  settings.window_s = cycle_settings->tracking.seconds();
+  if (!options.mode.empty()) scenario->onboard.beacons.merit = options.mode;
+  const navigation::BeaconSettings settings = loop::beacon_settings(*scenario, *camera);
   const auto companion = Companion::start(*scenario, *camera, **world, settings.sight_sigma_rad);
   if (!companion) return forward(companion);
 
@@ -261,9 +258,9 @@ void add_beacons(CLI::App& app, Invocation& invocation) {
   sub->add_option("--seed", options->seed, "for scenarios with distributions")
       ->check(seed_number())
       ->capture_default_str();
-  sub->add_option("--mode", options->mode, "static: by two sights alone; filter: by what they leave of its covariance")
-      ->check(CLI::IsMember({"static", "filter"}))
-      ->capture_default_str();
+  sub->add_option("--mode", options->mode,
+                  "onboard.beacons.merit: static (two sights alone) or filter (what they leave of its covariance)")
+      ->check(CLI::IsMember({"static", "filter"}));
   sub->add_flag("--json", options->json, "one JSON object a navigation cycle");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });
 }

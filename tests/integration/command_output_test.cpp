@@ -287,6 +287,7 @@ TEST_F(CommandOutput, RunLeavesItsFilesAndTellsItsSummary) {
                       "cycles",
                       "images",
                       "duration_days",
+                      "start",
                       "position_error_km",
                       "velocity_error_m_s",
                       "nees_mean",
@@ -315,6 +316,10 @@ TEST_F(CommandOutput, RunLeavesItsFilesAndTellsItsSummary) {
   expect_fields(summary["vision"]["attitude_error_arcsec_1sigma"], {"cross", "roll"}, chapter_name);
   expect_fields(summary["time_ms_per_image"], {"median", "p99"}, chapter_name);
   expect_fields(summary["time_ms"], {"render", "centroid", "identify", "planets", "propagate", "update"}, chapter_name);
+  expect_fields(summary["start"],
+                {"from", "cycle", "surveys", "pictures", "planets", "survey_error_km", "survey_sigma_km",
+                 "position_error_km", "position_sigma_km", "velocity_error_m_s", "velocity_sigma_m_s"},
+                chapter_name);
   EXPECT_EQ(summary["level"], "mil");
   EXPECT_EQ(summary["seed"], 3);
   Fields with_places = fields;

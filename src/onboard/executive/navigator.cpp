@@ -49,7 +49,8 @@ Result<void> Navigator::coast_to(Epoch epoch) {
 }
 
 Result<navigation::BeaconSelection> Navigator::select() const {
-  return navigation::select_beacons(*ephemeris_, filter_.state(), filter_.epoch(), settings_.beacons);
+  const Mat6 covariance = filter_.covariance_pv();
+  return navigation::select_beacons(*ephemeris_, filter_.state(), filter_.epoch(), settings_.beacons, &covariance);
 }
 
 Result<Vec3> Navigator::aim(BodyId body, Epoch epoch) {
@@ -119,7 +120,7 @@ double Navigator::flux_dn(double v_mag, BodyId body) const {
   return bright.band.flux(v_mag, planet_b_v(body)).electrons_per_s * bright.exposure_s / bright.gain_e_dn;
 }
 
-Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon) {
+Result<Look> Navigator::watch(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon) {
   ASTRONAV_CHECK(eyes_ != nullptr);
   if (const auto ok = advance(mid_exposure); !ok) return forward(ok);
   const auto prediction = predict(beacon, mid_exposure);
@@ -142,7 +143,12 @@ Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exp
   look.measurement.repeating_sigma_px = spot.repeating_sigma_px;
   look.measurement.R_CN = seen.attitude.R_CN;
   look.measurement.attitude_covariance_rad2 = seen.attitude.covariance_rad2;
-  look.update = filter_.update(look.measurement);
+  return look;
+}
+
+Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon) {
+  auto look = watch(frame, mid_exposure, beacon);
+  if (look && look->measured) look->update = filter_.update(look->measurement);
   return look;
 }
 

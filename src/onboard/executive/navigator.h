@@ -8,6 +8,8 @@
 //   navigator.aim(body, epoch);                       // where the camera must look
 //   navigator.look(frame, mid_exposure, body);        // image -> attitude -> planet -> filter
 //
+// Where no state is known to start with, ColdStart (cold_start.h) finds one.
+//
 // No heap, no exceptions, no files.
 #pragma once
 
@@ -71,6 +73,8 @@ class Navigator {
 
   // One frame, its mid-exposure epoch, and the beacon that is being tracked. not-found attitude or planet is no error.
   Result<Look> look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon);
+  // The same, but the filter does not use what is measured: for a start that is too rough to be updated.
+  Result<Look> watch(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon);
   // A measurement that somebody else made.
   navigation::UpdateResult use(const navigation::BeaconMeasurement& measurement);
 

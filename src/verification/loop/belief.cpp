@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/belief.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <string>
 
@@ -8,6 +9,18 @@
 #include "models/photometry/photometry.h"
 
 namespace astronav::loop {
+namespace {
+
+// A survey's spot must be so much brighter than the faintest stars that are known, or it may be one that is not.
+constexpr double kStarMargin = 1.0;
+
+navigation::Agility agility(const scenario::Scenario& s) {
+  return {.max_rate_rad_s = s.conops.slew_rate_deg_s * kDegree,
+          .max_acceleration_rad_s2 = s.conops.slew_acceleration_deg_s2 * kDegree,
+          .settle_s = s.conops.settling_s};
+}
+
+}  // namespace
 
 Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, const Camera& camera, Level level,
                                                    double mass_kg) {
@@ -85,6 +98,23 @@ navigation::BeaconSettings beacon_settings(const scenario::Scenario& s, const Ca
   // The image processing takes the Moon's light out of the Earth's spot, so the two may be as near as a pixel.
   settings.min_separation_rad = camera.intrinsics.plate_scale_rad_px();
   settings.max_angular_diameter_rad = s.conops.max_beacon_size_px * camera.intrinsics.plate_scale_rad_px();
+  settings.mode =
+      s.onboard.beacons.merit == "filter" ? navigation::BeaconMode::filter_merit : navigation::BeaconMode::static_merit;
+  settings.agility = agility(s);
+  settings.slew_s = s.conops.slew_min * 60.0;
+  settings.window_s = s.conops.tracking_min * 60.0;
+  return settings;
+}
+
+executive::ColdStartSettings cold_start_settings(const scenario::Scenario& s, const navigation::FilterSettings& filter,
+                                                 double mass_kg) {
+  executive::ColdStartSettings settings;
+  settings.filter = filter;
+  settings.mass_kg = mass_kg;
+  settings.agility = agility(s);
+  settings.sun_exclusion_rad = s.conops.sun_exclusion_deg * kDegree;
+  settings.limit_v_mag = std::min(s.conops.limiting_magnitude, s.onboard.vision.star_max_v_mag - kStarMargin);
+  settings.images_per_window = static_cast<int>(s.conops.tracking_min * 60.0 / s.conops.image_period_s);
   return settings;
 }
 

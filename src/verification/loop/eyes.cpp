@@ -72,27 +72,48 @@ Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& w
   return eyes;
 }
 
-Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, BodyId beacon,
-                              const StreamId& noise, executive::Navigator& navigator, Records& records,
-                              bool keep_frame) {
+Result<void> Eyes::expose(Epoch epoch, const State& truth_O, const Mat3& R_CN, double exposure_s,
+                          const StreamId& noise) {
   const Camera& camera = world_.camera();
-  auto before = std::chrono::steady_clock::now();
   const Vec3 boresight_N = R_CN.row(2).transpose();
-  const auto sky =
-      world_.sky().look(event.epoch, truth_O, boresight_N, camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree,
-                        world_.band(), world_.sky_settings());
+  const auto sky = world_.sky().look(epoch, truth_O, boresight_N, camera.intrinsics.half_diagonal_rad() + 0.5 * kDegree,
+                                     world_.band(), world_.sky_settings());
   if (!sky) return forward(sky);
-  render::Exposure exposure{.duration_s = navigator.exposure_s()};
-  exposure.sun_C_m = R_CN * world_.sky().sun_N_m(event.epoch, truth_O);
+  render::Exposure exposure{.duration_s = exposure_s};
+  exposure.sun_C_m = R_CN * world_.sky().sun_N_m(epoch, truth_O);
   sources_ = render::place_sources(*sky, camera, R_CN, exposure);
   world_.renderer().frame(sources_, exposure, noise, frame_);
+  return {};
+}
+
+Epoch Eyes::tag(Epoch clock, const StreamId& noise) const {
+  return clock + Duration::seconds(render::time_tag_error_s(world_.camera().detector, noise) - known_latency_s_);
+}
+
+Result<void> Eyes::survey(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, double exposure_s,
+                          const StreamId& noise, executive::ColdStart& start) {
+  if (const auto ok = expose(event.epoch, truth_O, R_CN, exposure_s, noise); !ok) return ok;
+  const Epoch tagged = tag(clock, noise);
+  const vision::FrameResult& seen = vision_->process(std::as_const(frame_).view(), {.epoch = tagged});
+  event.spots = start.see(seen, tagged);
+  judge_attitude(event, seen, R_CN);
+  return {};
+}
+
+Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, BodyId beacon,
+                              const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame,
+                              executive::ColdStart* start) {
+  auto before = std::chrono::steady_clock::now();
+  if (const auto ok = expose(event.epoch, truth_O, R_CN, navigator.exposure_s(), noise); !ok) return ok;
   records.stage_ms_sum.render += milliseconds_since(before);
 
-  // What the onboard software believes the time to be: the frame's tag, less the latency that it knows of.
-  const Epoch tagged = clock + Duration::seconds(render::time_tag_error_s(camera.detector, noise) - known_latency_s_);
+  const Epoch tagged = tag(clock, noise);
   before = std::chrono::steady_clock::now();
-  const auto look = navigator.look(std::as_const(frame_).view(), tagged, beacon);
+  const auto look = start != nullptr ? navigator.watch(std::as_const(frame_).view(), tagged, beacon)
+                                     : navigator.look(std::as_const(frame_).view(), tagged, beacon);
   if (!look) return forward(look);
+  event.for_start = start != nullptr;
+  if (start != nullptr && look->measured) start->add(look->measurement, navigator.filter().state().v_m_s);
   const double onboard_ms = milliseconds_since(before);
   const vision::StageTimes& stages = look->frame->time_ms;
   records.stage_ms_sum.centroid += stages.centroid;
@@ -105,9 +126,7 @@ Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, c
   return {};
 }
 
-void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, BodyId beacon) const {
-  const vision::FrameResult& seen = *look.frame;
-  event.spots = static_cast<int>(seen.centroids.size());
+void Eyes::judge_attitude(Event& event, const vision::FrameResult& seen, const Mat3& R_CN) const {
   event.attitude_found = seen.source != vision::AttitudeSource::none;
   if (event.attitude_found) {
     // R_CN_true = exp(-[theta]x) R_CN_found, both in the axes of the believed camera: a principal point that is not
@@ -130,6 +149,11 @@ void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, Bo
       event.centroid_error_count += 2;
     }
   }
+}
+
+void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, BodyId beacon) const {
+  event.spots = static_cast<int>(look.frame->centroids.size());
+  judge_attitude(event, *look.frame, R_CN);
   if (!look.measured) return;
   event.planet_found = true;
   event.accepted = look.update.accepted;
@@ -140,7 +164,7 @@ void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, Bo
   event.planet_false = true;
   for (const render::RenderedSource& s : sources_) {
     if (s.source.kind != sky::SourceKind::planet || s.source.id != beacon.value) continue;
-    event.planet_error_px = look.measurement.pixel.vec() - s.pixel.vec();
+    event.planet_error_px = look.frame->centroids[look.frame->planets[0].centroid].pixel.vec() - s.pixel.vec();
     event.planet_false = event.planet_error_px.norm() > kFalsePlanetPx;
   }
 }

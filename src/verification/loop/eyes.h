@@ -9,6 +9,7 @@
 
 #include "foundation/base/error.h"
 #include "foundation/math/random.h"
+#include "onboard/executive/cold_start.h"
 #include "onboard/executive/navigator.h"
 #include "onboard/vision/exposure.h"
 #include "onboard/vision/vision.h"
@@ -27,16 +28,26 @@ class Eyes {
   Eyes& operator=(const Eyes&) = delete;
 
   vision::Vision& vision() { return *vision_; }
+  const vision::StarField& field() const { return field_; }
   // nullptr: the exposure is fixed.
   const vision::ExposureControl* exposure_control() const { return exposure_.get(); }
 
   // Takes the image of `event` (epoch and number are set), feeds it to the navigator and fills in what came of it.
-  // `clock`: what the onboard clock shows at mid-exposure.
+  // `clock`: what the onboard clock shows at mid-exposure. `start`: gets what is measured instead of the filter; or
+  // nullptr.
   Result<void> photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, BodyId beacon,
-                          const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame);
+                          const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame,
+                          executive::ColdStart* start = nullptr);
+  // A picture of a survey: no place is known, and no planet is predicted.
+  Result<void> survey(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, double exposure_s,
+                      const StreamId& noise, executive::ColdStart& start);
 
  private:
   explicit Eyes(World& world) : world_(world) {}
+  Result<void> expose(Epoch epoch, const State& truth_O, const Mat3& R_CN, double exposure_s, const StreamId& noise);
+  // What the onboard software believes the time of a frame to be: its tag, less the latency that it knows of.
+  Epoch tag(Epoch clock, const StreamId& noise) const;
+  void judge_attitude(Event& event, const vision::FrameResult& seen, const Mat3& R_CN) const;
   void judge(Event& event, const executive::Look& look, const Mat3& R_CN, BodyId beacon) const;
   KeptFrame keep(const Event& event, const executive::Look& look) const;
 

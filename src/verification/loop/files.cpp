@@ -13,6 +13,8 @@ namespace astronav::loop {
 
 std::string_view name(EventKind kind) {
   switch (kind) {
+    case EventKind::survey_image:
+      return "survey_image";
     case EventKind::image:
       return "image";
     case EventKind::window_end:
@@ -50,10 +52,17 @@ std::string records_csv(const Records& records) {
     fmt::format_to(to, "{},{:.6f},{},{},{},{},{}", e.epoch.iso(TimeScale::tdb, 3, false),
                    (e.epoch - day_zero(records)).days(), name(e.kind), e.cycle, e.window,
                    e.image >= 0 ? fmt::format("{}", e.image) : "", e.body.value != 0 ? body_name(e.body) : "");
-    for (const State* s : {&e.truth, &e.estimate}) {
-      three(s->p_m, 1e-3, ",{:.6f}");
-      three(s->v_m_s, 1e-3, ",{:.9f}");
+    three(e.truth.p_m, 1e-3, ",{:.6f}");
+    three(e.truth.v_m_s, 1e-3, ",{:.9f}");
+    if (e.kind == EventKind::survey_image) {
+      // No estimate yet, and no planet that anybody looked for.
+      const std::string no_estimate(20, ','), no_planet(19, ',');
+      fmt::format_to(to, "{}{:d},{:d}{}{},{},\n", no_estimate, e.attitude_found, e.attitude_wrong, no_planet,
+                     e.stars_matched, e.spots);
+      continue;
     }
+    three(e.estimate.p_m, 1e-3, ",{:.6f}");
+    three(e.estimate.v_m_s, 1e-3, ",{:.9f}");
     three(e.estimate.p_m - e.truth.p_m, 1e-3, ",{:.6f}");
     three(e.estimate.v_m_s - e.truth.v_m_s, 1.0, ",{:.6f}");
     const Vec6 sigma = e.covariance.diagonal().cwiseSqrt();
@@ -87,6 +96,7 @@ Oem states_of(const Records& records, State Event::*which, const char* object) {
   oem.object_name = object;
   for (std::size_t i = 0; i < records.events.size(); ++i) {
     const Event& e = records.events[i];
+    if (e.kind == EventKind::survey_image) continue;
     if (i + 1 < records.events.size() && records.events[i + 1].epoch <= e.epoch) continue;  // epochs must increase
     oem.epochs.push_back(e.epoch);
     oem.states.push_back(e.*which);
@@ -99,7 +109,7 @@ Oem states_of(const Records& records, State Event::*which, const char* object) {
 Oem estimate_oem(const Records& records) {
   Oem oem = states_of(records, &Event::estimate, "ASTRONAV ESTIMATE");
   for (const Event& e : records.events) {
-    if (e.kind == EventKind::image) continue;
+    if (e.kind == EventKind::image || e.kind == EventKind::survey_image) continue;
     if (!oem.covariances.empty() && oem.covariances.back().epoch == e.epoch) oem.covariances.pop_back();
     oem.covariances.push_back({e.epoch, e.covariance});
   }

@@ -12,6 +12,7 @@
 #include "foundation/math/random.h"
 #include "onboard/executive/navigator.h"
 #include "onboard/executive/timeline.h"
+#include "verification/loop/awakening.h"
 #include "verification/loop/belief.h"
 #include "verification/loop/eyes.h"
 #include "verification/loop/world.h"
@@ -45,7 +46,9 @@ class Flight {
 
  private:
   Result<void> start(const Epoch& epoch);
+  Result<void> prepare_awakening(const navigation::FilterSettings& filter);
   Result<void> fly_cycle(int cycle);
+  Result<BodyId> fly_windows(int cycle);
   Result<void> fly_window(int cycle, int window, BodyId beacon);
   Result<void> take_image(int cycle, int window, Epoch mid_exposure, BodyId beacon, double roll_rad);
   Result<void> coast(int cycle);
@@ -57,14 +60,13 @@ class Flight {
   bool worth_keeping(const Event& image) const;
   // Truth of where the camera looks: where the onboard software wants it, with dither and jitter.
   Mat3 true_attitude(const Vec3& aim_N, double roll_rad, int image) const;
-  Result<State> truth_from_onboard_origin(Epoch epoch) const;
   double believed_mass_kg() const;
   executive::Maneuvers known_maneuvers();
-  Epoch onboard_clock(Epoch epoch) const;
   void progress(const executive::Timeline& timeline, int cycle, int window, int k, BodyId beacon) const;
 
   Result<void> measure(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);     // mil
   Result<void> photograph(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);  // sil
+  void use(Event& event, const navigation::BeaconMeasurement& measurement);
 
   const scenario::Scenario& scenario_;
   const FlyOptions& options_;
@@ -75,6 +77,7 @@ class Flight {
   std::unique_ptr<Eyes> eyes_;
   std::unique_ptr<executive::Navigator> navigator_;
   std::unique_ptr<executive::Timeline> timeline_;
+  std::unique_ptr<Awakening> awakening_;  // until there is a state, where none was told
   Records records_;
 };
 
@@ -104,11 +107,19 @@ Result<Records> Flight::fly() {
       eyes_ ? eyes_->exposure_control() : nullptr, known_maneuvers()};
   navigator_ =
       std::make_unique<executive::Navigator>(settings, world_.onboard_ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
-  if (const auto ok = start(begin); !ok) return forward(ok);
-  for (int c = 0; c < timeline_->cycles(); ++c) {
+  const bool from_nothing = scenario_.onboard.start.from == "survey";
+  if (const auto ok = from_nothing ? prepare_awakening(*filter) : start(begin); !ok) return forward(ok);
+  const int cycles =
+      options_.most_cycles > 0 ? std::min(options_.most_cycles, timeline_->cycles()) : timeline_->cycles();
+  for (int c = 0; c < cycles; ++c) {
     if (const auto ok = fly_cycle(c); !ok) return forward(ok);
   }
-  records_.cycles = timeline_->cycles();
+  if (awakening_) {
+    const Error& why = awakening_->why();
+    return fail(ErrorCode::no_match, "no start from nothing in {0} cycles; the last try: {s}",
+                {static_cast<double>(cycles)}, "onboard.start.from", describe(why));
+  }
+  records_.cycles = cycles;
   records_.duration_days = (end - begin).days();
   records_.begin = begin;
   records_.end = end;
@@ -126,26 +137,8 @@ Result<Records> Flight::fly() {
   return std::move(records_);
 }
 
-// Both count from the Sun: two ephemerides put the barycentre at different places beside it (DE405 and DE430: 1 km,
-// DE440: 116 km).
-Result<State> Flight::truth_from_onboard_origin(Epoch epoch) const {
-  auto truth = world_.trajectory().state(epoch);
-  if (!truth || !world_.has_own_ephemeris()) return truth;
-  const auto really = world_.ephemeris().state(body::sun, body::solar_system_barycenter, epoch);
-  const auto onboard = world_.onboard_ephemeris().state(body::sun, body::solar_system_barycenter, epoch);
-  if (!really) return forward(really, "data.truth_ephemeris_file");
-  if (!onboard) return forward(onboard);
-  truth->p_m += onboard->p_m - really->p_m;
-  truth->v_m_s += onboard->v_m_s - really->v_m_s;
-  return truth;
-}
-
 double Flight::believed_mass_kg() const {
   return world_.thrust_plan().arcs.empty() ? kBelievedMassKg : world_.thrust_plan().mass_kg;
-}
-
-Epoch Flight::onboard_clock(Epoch epoch) const {
-  return epoch + Duration::seconds(1e-3 * scenario_.truth.clock.offset_ms);
 }
 
 // The thrust as planned, and kicks as the onboard software hears of them.
@@ -165,7 +158,7 @@ executive::Maneuvers Flight::known_maneuvers() {
 }
 
 Result<void> Flight::start(const Epoch& epoch) {
-  const auto truth = truth_from_onboard_origin(epoch);
+  const auto truth = world_.truth_from_onboard_origin(epoch);
   if (!truth) return forward(truth);
   const scenario::OnboardFilter& belief = scenario_.onboard.filter;
   const double sigma_p = belief.initial_position_sigma_km * 1e3;
@@ -178,11 +171,41 @@ Result<void> Flight::start(const Epoch& epoch) {
   for (int i = 0; i < 3; ++i) initial.state.v_m_s[i] += stream.normal(0.0, sigma_v);
   initial.covariance.diagonal() << Vec3::Constant(sigma_p * sigma_p), Vec3::Constant(sigma_v * sigma_v);
   initial.mass_kg = believed_mass_kg();
+  records_.start.error << initial.state.p_m - truth->p_m, initial.state.v_m_s - truth->v_m_s;
+  records_.start.covariance = initial.covariance;
   return navigator_->start(initial);
 }
 
+Result<void> Flight::prepare_awakening(const navigation::FilterSettings& filter) {
+  records_.start.from = "survey";
+  auto awakening = Awakening::create(scenario_, options_, world_, believed_camera_, eyes_.get(), *timeline_,
+                                     cold_start_settings(scenario_, filter, believed_mass_kg()));
+  if (!awakening) return forward(awakening);
+  awakening_ = std::move(*awakening);
+  return {};
+}
+
+// A cycle without a start leaves nothing behind but its pictures; the next one begins with another survey.
 Result<void> Flight::fly_cycle(int cycle) {
-  if (const auto ok = navigator_->coast_to(timeline_->window_begin(cycle, 0)); !ok) return ok;
+  if (awakening_) {
+    const auto found = awakening_->survey(cycle, *navigator_, records_);
+    if (!found || !*found) return found ? Result<void>{} : forward(found);
+  }
+  const auto last = fly_windows(cycle);
+  if (!last) return forward(last);
+  if (awakening_) {
+    const auto started = awakening_->finish(*navigator_, records_);
+    if (!started || !*started) return started ? Result<void>{} : forward(started);
+    awakening_.reset();
+    if (const auto ok = navigator_->coast_to(timeline_->window_end(cycle, 1)); !ok) return ok;
+  }
+  if (const auto ok = record(EventKind::cycle_end, cycle, 1, *last); !ok) return ok;
+  return cycle + 1 < timeline_->cycles() ? coast(cycle) : Result<void>{};
+}
+
+// The beacon of the second.
+Result<BodyId> Flight::fly_windows(int cycle) {
+  if (const auto ok = navigator_->coast_to(timeline_->window_begin(cycle, 0)); !ok) return forward(ok);
   const auto selection = navigator_->select();
   if (!selection) return forward(selection);
   BodyId beacons[2];
@@ -192,16 +215,15 @@ Result<void> Flight::fly_cycle(int cycle) {
   } else if (const auto* single = selection->best_single()) {
     beacons[0] = beacons[1] = single->body;
   }
-  if (const auto ok = record_beacons(cycle, *selection, beacons[0], beacons[1]); !ok) return ok;
+  if (const auto ok = record_beacons(cycle, *selection, beacons[0], beacons[1]); !ok) return forward(ok);
   for (int window = 0; window < 2; ++window) {
     if (beacons[window] != BodyId{}) {
-      if (const auto ok = fly_window(cycle, window, beacons[window]); !ok) return ok;
+      if (const auto ok = fly_window(cycle, window, beacons[window]); !ok) return forward(ok);
     }
-    if (const auto ok = navigator_->coast_to(timeline_->window_end(cycle, window)); !ok) return ok;
-    if (const auto ok = record(EventKind::window_end, cycle, window, beacons[window]); !ok) return ok;
+    if (const auto ok = navigator_->coast_to(timeline_->window_end(cycle, window)); !ok) return forward(ok);
+    if (const auto ok = record(EventKind::window_end, cycle, window, beacons[window]); !ok) return forward(ok);
   }
-  if (const auto ok = record(EventKind::cycle_end, cycle, 1, beacons[1]); !ok) return ok;
-  return cycle + 1 < timeline_->cycles() ? coast(cycle) : Result<void>{};
+  return beacons[1];
 }
 
 Result<void> Flight::coast(int cycle) {
@@ -220,8 +242,8 @@ Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
                        .image = static_cast<std::uint64_t>(2 * cycle + window),
                        .purpose = "roll of a window"});
   const double roll = stream.uniform(0.0, 2.0 * kPi);
-  if (const auto ok = navigator_->prepare_window(beacon, onboard_clock(timeline_->image_epoch(cycle, window, 0))); !ok)
-    return ok;
+  const Epoch first = timeline_->image_epoch(cycle, window, 0);
+  if (const auto ok = navigator_->prepare_window(beacon, onboard_clock(scenario_, first)); !ok) return ok;
   for (int k = 0; k < timeline_->images_per_window(); ++k) {
     progress(*timeline_, cycle, window, k, beacon);
     if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon, roll); !ok)
@@ -234,7 +256,7 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   const auto truth = world_.trajectory().state(mid_exposure);
   if (!truth) return forward(truth);
   const auto before = Clock::now();
-  const auto aim = navigator_->aim(beacon, onboard_clock(mid_exposure));
+  const auto aim = navigator_->aim(beacon, onboard_clock(scenario_, mid_exposure));
   records_.stage_ms_sum.propagate += milliseconds_since(before);
   if (!aim) return forward(aim);
   const Mat3 R_CN = true_attitude(*aim, roll_rad, records_.images);
@@ -276,10 +298,20 @@ Result<void> Flight::measure(Event& image, const State& truth, const Mat3& R_CN,
   if (stream.uniform() < mil.outlier_share) noise *= mil.outlier_scale;
   navigation::BeaconMeasurement m;
   m.body = beacon;
-  m.mid_exposure = onboard_clock(image.epoch);
+  m.mid_exposure = onboard_clock(scenario_, image.epoch);
   m.pixel = {pixel->u + noise.x(), pixel->v + noise.y()};
   m.pixel_covariance_px2 = std::max(sigma_px * sigma_px, floor_px * floor_px) * Mat2::Identity();
-  m.R_CN = R_CN;
+  m.R_CN = awakening_ ? attitude_among_stars(R_CN, truth.v_m_s, navigator_->filter().state().v_m_s) : R_CN;
+  use(image, m);
+  image.planet_error_px = noise;
+  return {};
+}
+
+void Flight::use(Event& image, const navigation::BeaconMeasurement& m) {
+  if (awakening_) {
+    awakening_->add(image, m, navigator_->filter().state().v_m_s);
+    return;
+  }
   const auto before = Clock::now();
   const navigation::UpdateResult update = navigator_->use(m);
   const double ms = milliseconds_since(before);
@@ -291,9 +323,7 @@ Result<void> Flight::measure(Event& image, const State& truth, const Mat3& R_CN,
   image.innovation_px = update.innovation_px;
   image.innovation_covariance_px2 = update.innovation_covariance_px2;
   image.nis = update.nis;
-  image.planet_error_px = noise;
   image.planet_sigma_px = m.pixel_covariance_px2.diagonal().cwiseSqrt();
-  return {};
 }
 
 Result<void> Flight::photograph(Event& image, const State& truth, const Mat3& R_CN, BodyId beacon) {
@@ -301,8 +331,8 @@ Result<void> Flight::photograph(Event& image, const State& truth, const Mat3& R_
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(image.image),
                        .purpose = "frame"};
-  return eyes_->photograph(image, onboard_clock(image.epoch), truth, R_CN, beacon, noise, *navigator_, records_,
-                           worth_keeping(image));
+  return eyes_->photograph(image, onboard_clock(scenario_, image.epoch), truth, R_CN, beacon, noise, *navigator_,
+                           records_, worth_keeping(image), awakening_ ? &awakening_->cold_start() : nullptr);
 }
 
 // Pictures for the report: from the middle of windows spread over the mission, first and second beacon in turn.
@@ -328,7 +358,7 @@ Mat3 Flight::true_attitude(const Vec3& aim_N, double roll_rad, int image) const 
 }
 
 Result<Event> Flight::event(EventKind kind, Epoch epoch, int cycle, int window, BodyId body) const {
-  const auto truth = truth_from_onboard_origin(epoch);
+  const auto truth = world_.truth_from_onboard_origin(epoch);
   if (!truth) return forward(truth);
   Event e;
   e.kind = kind;

@@ -21,6 +21,7 @@ struct FlyOptions {
   std::uint64_t seed = 1;
   std::uint64_t sample = 0;
   int keep_frames = 4;    // pictures for the report
+  int most_cycles = 0;    // the flight ends after so many; 0: at the mission's end
   ProgressSink progress;  // may be empty
 };
 

@@ -19,6 +19,7 @@ using Vec6 = Eigen::Matrix<double, 6, 1>;
 using Mat6 = Eigen::Matrix<double, 6, 6>;
 
 enum class EventKind : unsigned char {
+  survey_image,  // of a start from nothing: an attitude and spots, but no estimate
   image,         // an image was taken (and, where a planet was found, the filter was updated)
   window_end,    // a tracking window ends
   cycle_end,     // the second window of a cycle ends: what "steady state" is read from
@@ -45,6 +46,7 @@ struct Event {
   bool planet_found = false;    // a spot was accepted as the planet
   bool planet_false = false;    // ... and it was not the planet (more than 3 px off)
   bool accepted = false;        // the filter took the measurement
+  bool for_start = false;       // ... was not asked: the measurement is one of the batch that starts it
   Vec2 innovation_px = Vec2::Zero();
   Mat2 innovation_covariance_px2 = Mat2::Zero();
   double nis = 0.0;
@@ -90,7 +92,21 @@ struct BeaconChoice {
   std::vector<Candidate> candidates;
 };
 
+// How the mission came to its first state.
+struct StartRecord {
+  std::string from = "prior";  // or "survey"
+  int cycle = 0;               // whose windows gave the state; of the prior: the first
+  int surveys = 0;             // flown, and their pictures
+  int pictures = 0;
+  std::vector<BodyId> named;           // planets that the last survey found
+  Vec3 survey_error_m = Vec3::Zero();  // of its place
+  Mat3 survey_covariance_m2 = Mat3::Zero();
+  Vec6 error = Vec6::Zero();  // of the first state, m, m/s
+  Mat6 covariance = Mat6::Zero();
+};
+
 struct Records {
+  StartRecord start;
   std::vector<Event> events;
   std::vector<KeptFrame> frames;
   std::vector<BeaconChoice> beacons;

@@ -9,6 +9,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
 namespace astronav::loop {
@@ -46,12 +47,17 @@ ErrorFigures error_figures(std::span<const Event* const> steady, const Event* la
   return out;
 }
 
+// A mission that found its start late settles late.
+int first_steady(const Records& records) {
+  return records.start.cycle + kFirstSteadyCycle;
+}
+
 std::vector<const Event*> steady_events(const Records& records, EventKind kind, const Event** last = nullptr) {
   std::vector<const Event*> out;
   for (const Event& e : records.events) {
     if (e.kind != kind) continue;
     if (last != nullptr) *last = &e;
-    if (e.cycle >= kFirstSteadyCycle) out.push_back(&e);
+    if (e.cycle >= first_steady(records)) out.push_back(&e);
   }
   return out;
 }
@@ -104,7 +110,7 @@ double effective_windows(const Records& records) {
   };
   std::vector<Window> windows;
   for (const Event& e : records.events) {
-    if (e.cycle < kFirstSteadyCycle) continue;
+    if (e.cycle < first_steady(records)) continue;
     if (e.kind == EventKind::cycle_end) windows.push_back({&e});
     if (e.kind == EventKind::coast_end && !windows.empty()) windows.back().coast_end = &e;
   }
@@ -144,8 +150,30 @@ Epoch day_zero(const Records& records) {
   return records.end > records.begin || records.events.empty() ? records.begin : records.events.front().epoch;
 }
 
+namespace {
+
+StartSummary summarize(const StartRecord& start) {
+  StartSummary s;
+  s.from = start.from;
+  s.cycle = start.cycle + 1;
+  s.surveys = start.surveys;
+  s.pictures = start.pictures;
+  for (const BodyId body : start.named) s.planets.emplace_back(body_name(body));
+  const bool surveyed = start.surveys > 0;
+  s.survey_error_km = surveyed ? start.survey_error_m.norm() * 1e-3 : kNan;
+  s.survey_sigma_km = surveyed ? std::sqrt(start.survey_covariance_m2.trace()) * 1e-3 : kNan;
+  s.position_error_km = start.error.head<3>().norm() * 1e-3;
+  s.velocity_error_m_s = start.error.tail<3>().norm();
+  s.position_sigma_km = std::sqrt(start.covariance.topLeftCorner<3, 3>().trace()) * 1e-3;
+  s.velocity_sigma_m_s = std::sqrt(start.covariance.bottomRightCorner<3, 3>().trace());
+  return s;
+}
+
+}  // namespace
+
 Summary summarize(const Records& records) {
   Summary s;
+  s.start = summarize(records.start);
   s.level = records.level;
   s.version = records.version;
   s.seed = records.seed;
@@ -181,7 +209,7 @@ Summary summarize(const Records& records) {
     if (e.accepted) {
       nis += e.nis;
       ++s.nis_count;
-    } else if (e.planet_found) {
+    } else if (e.planet_found && !e.for_start) {
       ++s.edited_count;
     }
     centroid2 += e.centroid_error_sum2_px2;
@@ -261,6 +289,25 @@ ErrorFigures pool_figures(std::span<const Summary> runs, Figures&& figures, Weig
   return out;
 }
 
+StartSummary pool_starts(std::span<const Summary> runs) {
+  StartSummary s;
+  s.from = runs[0].start.from;
+  for (const Summary& r : runs) {
+    s.cycle = std::max(s.cycle, r.start.cycle);
+    s.surveys += r.start.surveys;
+    s.pictures += r.start.pictures;
+    for (const std::string& planet : r.start.planets)
+      if (std::find(s.planets.begin(), s.planets.end(), planet) == s.planets.end()) s.planets.push_back(planet);
+  }
+  for (double StartSummary::*figure :
+       {&StartSummary::survey_error_km, &StartSummary::survey_sigma_km, &StartSummary::position_error_km,
+        &StartSummary::position_sigma_km, &StartSummary::velocity_error_m_s, &StartSummary::velocity_sigma_m_s}) {
+    s.*figure = weighted_rms(
+        runs, [&](const Summary& r) { return r.start.*figure; }, [](const Summary&) { return 1.0; });
+  }
+  return s;
+}
+
 }  // namespace
 
 Summary pool(std::span<const Summary> runs) {
@@ -288,6 +335,7 @@ Summary pool(std::span<const Summary> runs) {
     s.attitude_count += r.attitude_count;
     s.vision.false_planets += r.vision.false_planets;
   }
+  s.start = pool_starts(runs);
   const auto steady = [](const Summary& r) { return static_cast<double>(r.steady_count); };
   const auto coast = [](const Summary& r) { return static_cast<double>(r.coast_count); };
   const auto images = [](const Summary& r) { return static_cast<double>(r.images); };
@@ -354,6 +402,20 @@ Json errors_json(const ErrorSummary& e) {
   return out;
 }
 
+Json start_json(const StartSummary& s) {
+  return {{"from", s.from},
+          {"cycle", s.cycle},
+          {"surveys", s.surveys},
+          {"pictures", s.pictures},
+          {"planets", s.planets},
+          {"survey_error_km", s.survey_error_km},
+          {"survey_sigma_km", s.survey_sigma_km},
+          {"position_error_km", s.position_error_km},
+          {"position_sigma_km", s.position_sigma_km},
+          {"velocity_error_m_s", s.velocity_error_m_s},
+          {"velocity_sigma_m_s", s.velocity_sigma_m_s}};
+}
+
 double real(const Json& j) {
   return j.is_null() ? kNan : j.get<double>();
 }
@@ -376,6 +438,22 @@ ErrorSummary errors_from(const Json& j) {
   return e;
 }
 
+StartSummary start_from(const Json& j) {
+  StartSummary s;
+  s.from = j.at("from").get<std::string>();
+  s.cycle = j.at("cycle").get<int>();
+  s.surveys = j.at("surveys").get<int>();
+  s.pictures = j.at("pictures").get<int>();
+  s.planets = j.at("planets").get<std::vector<std::string>>();
+  s.survey_error_km = real(j.at("survey_error_km"));
+  s.survey_sigma_km = real(j.at("survey_sigma_km"));
+  s.position_error_km = real(j.at("position_error_km"));
+  s.position_sigma_km = real(j.at("position_sigma_km"));
+  s.velocity_error_m_s = real(j.at("velocity_error_m_s"));
+  s.velocity_sigma_m_s = real(j.at("velocity_sigma_m_s"));
+  return s;
+}
+
 Band band_from(const Json& j) {
   return {real(j.at(0)), real(j.at(1))};
 }
@@ -392,6 +470,7 @@ std::string to_json(const Summary& s, int indent) {
       {"cycles", s.cycles},
       {"images", s.images},
       {"duration_days", s.duration_days},
+      {"start", start_json(s.start)},
       {"position_error_km", errors_json(s.position_error_km)},
       {"velocity_error_m_s", errors_json(s.velocity_error_m_s)},
       {"nees_mean", s.nees_mean},
@@ -441,6 +520,7 @@ Result<Summary> summary_from_json(std::string_view text, std::string_view name_f
     s.cycles = j.at("cycles").get<int>();
     s.images = j.at("images").get<int>();
     s.duration_days = real(j.at("duration_days"));
+    s.start = start_from(j.at("start"));
     s.position_error_km = errors_from(j.at("position_error_km"));
     s.velocity_error_m_s = errors_from(j.at("velocity_error_m_s"));
     s.nees_mean = real(j.at("nees_mean"));
@@ -490,6 +570,16 @@ std::string axes(const std::array<double, 3>& v) {
   return fmt::format("{} / {} / {}", figure(v[0], ""), figure(v[1], ""), figure(v[2], ""));
 }
 
+std::string start_in_words(const Summary& s) {
+  const StartSummary& start = s.start;
+  return fmt::format(
+      "  Start from nothing: {} picture{} of the ecliptic{} showed {}; first place off by {} ({} by its own sigma), "
+      "velocity by {} ({})",
+      start.pictures, start.pictures == 1 ? "" : "s", s.runs > 1 ? fmt::format(" in {} runs", s.runs) : "",
+      fmt::join(start.planets, ", "), figure(start.position_error_km, "km"), figure(start.position_sigma_km, "km"),
+      figure(start.velocity_error_m_s, "m/s"), figure(start.velocity_sigma_m_s, "m/s"));
+}
+
 std::string consistency(double mean, const Band& band) {
   if (std::isnan(mean) || std::isnan(band.lo)) return "unknown";
   return mean > band.hi ? "overconfident" : mean < band.lo ? "underconfident" : "consistent";
@@ -534,6 +624,7 @@ std::string in_words(const Summary& s) {
 
 std::string to_text(const Summary& s) {
   std::string out = in_words(s) + "\n\n";
+  if (s.start.from == "survey") out += start_in_words(s) + "\n";
   const auto row = [&](const char* label, const ErrorFigures& p, const ErrorFigures& v) {
     out +=
         fmt::format("  {:<26} {:>26} km   {:>26} m/s\n", label, axes(p.steady_3sigma_axis), axes(v.steady_3sigma_axis));

@@ -12,6 +12,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "foundation/base/error.h"
 #include "foundation/math/statistics.h"
@@ -46,7 +47,20 @@ struct VisionSummary {
   double attitude_roll_arcsec_1sigma = 0.0;
 };
 
+// How the mission came to its first state; lengths of vectors, 1 sigma. NaN where there was no survey.
+struct StartSummary {
+  std::string from = "prior";
+  int cycle = 1;    // counted from 1; pooled: the last of all
+  int surveys = 0;  // flown, and their pictures
+  int pictures = 0;
+  std::vector<std::string> planets;  // that the survey named; pooled: in any of the runs
+  double survey_error_km = 0.0, survey_sigma_km = 0.0;
+  double position_error_km = 0.0, position_sigma_km = 0.0;  // of the first state
+  double velocity_error_m_s = 0.0, velocity_sigma_m_s = 0.0;
+};
+
 struct Summary {
+  StartSummary start;
   std::string level;
   std::string version;
   std::uint64_t seed = 1;

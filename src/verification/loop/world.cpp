@@ -167,6 +167,22 @@ const render::Renderer& World::renderer() {
   return *renderer_;
 }
 
+Result<State> World::truth_from_onboard_origin(Epoch epoch) const {
+  auto truth = trajectory_->state(epoch);
+  if (!truth || !has_own_ephemeris()) return truth;
+  const auto really = ephemeris_.state(body::sun, body::solar_system_barycenter, epoch);
+  const auto onboard = onboard_ephemeris_.state(body::sun, body::solar_system_barycenter, epoch);
+  if (!really) return forward(really, "data.truth_ephemeris_file");
+  if (!onboard) return forward(onboard);
+  truth->p_m += onboard->p_m - really->p_m;
+  truth->v_m_s += onboard->v_m_s - really->v_m_s;
+  return truth;
+}
+
+Epoch onboard_clock(const scenario::Scenario& scenario, Epoch epoch) {
+  return epoch + Duration::seconds(1e-3 * scenario.truth.clock.offset_ms);
+}
+
 Result<Vec3> World::sight(BodyId body, Epoch epoch, const State& spacecraft_O) const {
   const Result<BodyId> known = ephemeris_.resolve(body);
   if (!known) return forward(known);

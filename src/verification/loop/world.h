@@ -43,6 +43,10 @@ class World {
   // Made at the first call: a mission without images does without its maps.
   const render::Renderer& renderer();
 
+  // Where the spacecraft is, counted as the onboard software counts: from the Sun of its own ephemeris. Two ephemerides
+  // put the barycentre at different places beside it (DE405 and DE430: 1 km, DE440: 116 km).
+  Result<State> truth_from_onboard_origin(Epoch epoch) const;
+
   // Exact apparent direction of a planet's centre of light (N).
   Result<Vec3> sight(BodyId body, Epoch epoch, const State& spacecraft_O) const;
 
@@ -65,5 +69,8 @@ class World {
   std::unique_ptr<BandPhotometry> band_;
   std::unique_ptr<render::Renderer> renderer_;
 };
+
+// What the onboard clock shows.
+Epoch onboard_clock(const scenario::Scenario& scenario, Epoch epoch);
 
 }  // namespace astronav::loop

@@ -128,6 +128,7 @@ Json error_columns(const loop::Records& records) {
   double steady_day = std::nan("");
   double last_day = -1e300;
   for (const Event& e : records.events) {
+    if (e.kind == EventKind::survey_image) continue;  // no estimate yet
     double t = std::round(day(records, e.epoch) * 1e5) / 1e5;
     if (t < last_day) continue;  // charts need increasing days
     last_day = t;
@@ -252,7 +253,8 @@ Json orbit(const loop::Records& records) {
   double reach = 0.0;
   for (const Event& e : records.events) {
     const double t = day(records, e.epoch);
-    if (e.kind == EventKind::image || e.kind == EventKind::window_end || t <= last) continue;
+    if (e.kind == EventKind::image || e.kind == EventKind::survey_image || e.kind == EventKind::window_end || t <= last)
+      continue;
     last = t;
     days.push_back(short_number(t));
     truth.push_back(vector_au(e.truth.p_m));

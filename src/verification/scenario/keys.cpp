@@ -49,6 +49,9 @@ const std::array kKeys{
     NUMBER(conops.sun_exclusion_deg, "deg", 0.0, 90.0, "smallest angle between the Sun and a beacon that is looked at"),
     NUMBER(conops.limiting_magnitude, "mag", -5.0, 15.0, "faintest beacon (V) that is looked at"),
     NUMBER(conops.max_beacon_size_px, "px", 0.1, 1000.0, "largest apparent diameter of a beacon that is looked at"),
+    NUMBER(conops.slew_rate_deg_s, "deg/s", 1e-4, 100.0, "how fast the platform turns at most; two beacons that it cannot turn between in `slew_min` are no pair"),
+    NUMBER(conops.slew_acceleration_deg_s2, "deg/s2", 1e-6, 100.0, "how fast it gathers and loses that rate"),
+    NUMBER(conops.settling_s, "s", 0.0, 3600.0, "after a turn, until the pointing is quiet enough for images"),
 
     PATH(truth.camera.file, "the camera that takes the pictures: a file, or the name of one in scenarios/cameras"),
     NUMBER(truth.camera.focal_error_relative, "", -0.1, 0.1, "true focal length over that of the file, less one"),
@@ -83,8 +86,14 @@ const std::array kKeys{
 
     NUMBER(truth.pointing.jitter_arcsec, "arcsec", 0.0, 3600.0, "pointing error of each image beside the dither, 1 sigma per axis"),
 
+    NUMBER(truth.pointing.sun_sensor_deg, "deg", 0.0, 10.0, "error of the sun sensor, 1 sigma per axis; asked only by a start from a survey"),
+
     SWITCH(truth.photocentre.on, "planets shine from their centre of light; false: from their centre of figure"),
     NUMBER(truth.photocentre.scale, "", 0.0, 3.0, "true displacement of the centre of light over that of a Lambert sphere"),
+
+    CHOICE(onboard.start.from, "prior survey", "prior: a state is told, with the errors of [onboard.filter]; survey: nothing but the clock and the Sun's direction, so that pictures along the ecliptic have to show planets before the first window; where they do not, again before the next cycle"),
+
+    CHOICE(onboard.beacons.merit, "static filter", "the pair of beacons is chosen by the place that its two sights would give alone, or by what they would leave of the filter's covariance"),
 
     PATH(onboard.camera.file, "the camera that the onboard software believes in"),
 

@@ -47,6 +47,9 @@ struct Conops {
   double sun_exclusion_deg = 35.0;
   double limiting_magnitude = 6.0;
   double max_beacon_size_px = 3.0;
+  double slew_rate_deg_s = 0.5;
+  double slew_acceleration_deg_s2 = 0.02;
+  double settling_s = 60.0;
 };
 
 struct TruthCamera {
@@ -94,6 +97,7 @@ struct TruthClock {
 
 struct TruthPointing {
   double jitter_arcsec = 10.0;
+  double sun_sensor_deg = 1.0;
 };
 
 struct TruthPhotocentre {
@@ -103,6 +107,14 @@ struct TruthPhotocentre {
 
 struct Sky {
   double max_v_mag = 8.0;
+};
+
+struct OnboardStart {
+  std::string from = "prior";  // or "survey"
+};
+
+struct OnboardBeacons {
+  std::string merit = "static";  // or "filter"
 };
 
 struct OnboardCamera {
@@ -165,6 +177,8 @@ struct Scenario {
     TruthPhotocentre photocentre;
   } truth;
   struct Onboard {
+    OnboardStart start;
+    OnboardBeacons beacons;
     OnboardCamera camera;
     OnboardFilter filter;
     OnboardVision vision;
