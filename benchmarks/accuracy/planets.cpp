@@ -20,13 +20,13 @@ constexpr double kLargestRadiusPx = 2.0;
 constexpr double kRightPx = 1.0;
 constexpr double kStarBlendPx = 5.0;
 constexpr double kBrightStarBlendPx = 10.0;   // brighter than the body
-constexpr double kBodyBlendPx = 12.0;         // Earth and Moon, both saturated
 constexpr double kBrightnessErrorMag = 0.15;  // of what onboard expects
 
 struct Tally {
   int shown = 0, right = 0, wrong = 0, not_found = 0, in_company = 0;
-  int blended = 0, blended_right = 0, blended_wrong = 0;  // with a star, or the Earth with the Moon; not in the others
-  std::vector<double> error_px;                           // both axes
+  // With a star; not in the others. The Earth and the Moon count as shown wherever they stand.
+  int blended = 0, blended_right = 0, blended_wrong = 0;
+  std::vector<double> error_px;  // both axes
   double chi2 = 0.0;
 };
 
@@ -152,12 +152,11 @@ struct Visitor {
     return p;
   }
 
-  // Another source in the spot, or running into it, that has a thirtieth of its light or more.
+  // A star in the spot, or running into it, that has a thirtieth of its light or more.
   bool is_blended(const render::RenderedSource& body) const {
     for (const render::RenderedSource& s : world.sources) {
-      if (&s == &body || s.electrons < body.electrons / 30.0) continue;
-      const double star_reach = s.electrons > body.electrons ? kBrightStarBlendPx : kStarBlendPx;
-      const double reach = s.source.kind == sky::SourceKind::star ? star_reach : kBodyBlendPx;
+      if (s.source.kind != sky::SourceKind::star || s.electrons < body.electrons / 30.0) continue;
+      const double reach = s.electrons > body.electrons ? kBrightStarBlendPx : kStarBlendPx;
       if ((s.pixel.vec() - body.pixel.vec()).norm() < reach) return true;
     }
     return false;

@@ -215,16 +215,11 @@ void CentroidFinder::learn() {
   lessons_learnt_ += lesson_count_;
 }
 
-bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, Pixel guess,
-                                    const Companion& companion, Centroid& spot) const {
-  const LocalPsf psf = psf_.at(guess);
-  const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
-  const int reach = psf.reach_px();
-  if (u < reach || v < reach || u >= image.width() - reach || v >= image.height() - reach) return false;
-  // The saturated core around the guess: a box that grows as long as a saturated pixel touches it.
+Window CentroidFinder::core_about(ImageView<const std::uint16_t> image, Pixel place, int most_px) const {
+  const int u = static_cast<int>(std::lround(place.u)), v = static_cast<int>(std::lround(place.v));
   Window core{u, v, u, v};
-  bool saturated = static_cast<double>(image(u, v)) >= sensor_.saturation_dn;
-  for (bool grew = saturated; grew && std::max(core.width(), core.height()) + 2 * (reach + 1) < kMaxFitWindow;) {
+  // A box that grows as long as a saturated pixel touches it.
+  for (bool grew = static_cast<double>(image(u, v)) >= sensor_.saturation_dn; grew;) {
     grew = false;
     const Window ring = grown(core, 1, image.width(), image.height());
     for (int j = ring.v0; j <= ring.v1; ++j) {
@@ -235,19 +230,38 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
         grew = true;
       }
     }
+    grew = grew && std::max(core.width(), core.height()) <= most_px;
   }
-  const Window window = grown(core, saturated ? reach + 1 : reach, image.width(), image.height());
-  if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return false;
-  LocalLevel under = background_.at(guess);
-  if (background_.even()) {
-    under.background_dn = level.background_dn;
-    under.noise_dn = level.noise_dn;
+  return core;
+}
+
+bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level,
+                                    std::span<const Pixel> guesses, const PairBelief& belief, Centroid& spot) const {
+  // A fit this good needs no other guess.
+  constexpr double kGoodChi2 = 1.5;
+  PsfFit best;
+  for (const Pixel guess : guesses) {
+    const LocalPsf psf = psf_.at(guess);
+    const int reach = psf.reach_px();
+    if (!(guess.u >= reach && guess.v >= reach && guess.u < image.width() - reach && guess.v < image.height() - reach))
+      continue;
+    const Window core = core_about(image, guess, kMaxFitWindow - 2 * (reach + 1));
+    const Window window = grown(core, reach + 1, image.width(), image.height());
+    if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) continue;
+    LocalLevel under = background_.at(guess);
+    if (background_.even()) {
+      under.background_dn = level.background_dn;
+      under.noise_dn = level.noise_dn;
+    }
+    const PsfFit fit = fit_psf_beside(image, window, guess, under, sensor_, psf, belief);
+    if (!usable(fit) || (best.converged && fit.chi2_per_dof >= best.chi2_per_dof)) continue;
+    best = fit;
+    if (best.chi2_per_dof < kGoodChi2) break;
   }
-  const PsfFit fit = fit_psf_beside(image, window, guess, under, sensor_, psf, companion);
-  if (!usable(fit)) return false;
-  take(fit, spot);
-  spot.saturated = saturated;
-  spot.repeating_sigma_px = saturated ? repeating_sigma(fit) : fit.repeating_sigma_px;
+  if (!best.converged) return false;
+  take(best, spot);
+  spot.saturated = best.saturated;
+  spot.repeating_sigma_px = best.saturated ? repeating_sigma(best) : best.repeating_sigma_px;
   return true;
 }
 

@@ -18,6 +18,7 @@
 #include "foundation/image/image.h"
 #include "onboard/vision/background.h"
 #include "onboard/vision/psf_fit.h"
+#include "onboard/vision/psf_pair_fit.h"
 #include "onboard/vision/regions.h"
 #include "onboard/vision/spot_shape.h"
 #include "onboard/vision/types.h"
@@ -61,10 +62,10 @@ class CentroidFinder {
   std::size_t find_above(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<Centroid> out);
   std::size_t find_above(ImageView<const float> image, const FrameLevel& level, std::span<Centroid> out);
 
-  // Measures one spot of the last frame again, its companion's light taken away. False, and `spot` untouched, where
-  // that fails.
-  bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, Pixel guess,
-                      const Companion& companion, Centroid& spot) const;
+  // Measures one body of the last frame beside another whose light runs into its own; from the first guess that leads
+  // to a good fit, or the best. False, and `spot` untouched, where that fails.
+  bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<const Pixel> guesses,
+                      const PairBelief& belief, Centroid& spot) const;
 
   // What the last frame showed beside points of light, by its kind; places by the centre of light.
   std::span<const Centroid> others() const { return others_; }
@@ -121,6 +122,8 @@ class CentroidFinder {
   void consider_lesson(ImageView<const T> image, const Region& region, const PsfFit& fit, const LocalPsf& psf,
                        const LocalLevel& level, const PsfEvidence& evidence);
   bool alone(const Window& window, const Region& region) const;
+  // The saturated pixels that hang together about a place; that pixel alone where it is none of them.
+  Window core_about(ImageView<const std::uint16_t> image, Pixel place, int most_px) const;
   void learn();
 
   CentroidSettings settings_;

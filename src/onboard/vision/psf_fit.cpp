@@ -18,12 +18,6 @@ constexpr int kMaxIterations = 40;
 // A step this short is the last: the next would be a hundredth of it.
 constexpr double kConverged = 1e-3;       // px
 constexpr double kConvergedSigmas = 0.2;  // of the place's own noise
-constexpr double kBlendChi2 = 2.5;        // per degree of freedom: beyond it something else is in the window
-
-PsfFit inflated(PsfFit fit) {
-  if (fit.chi2_per_dof > kBlendChi2) fit.covariance_px2 *= fit.chi2_per_dof;
-  return fit;
-}
 
 ShapeFit::Vector parameters(const PsfFit& fit, const LocalPsf& psf) {
   ShapeFit::Vector p;
@@ -253,52 +247,12 @@ bool psf_evidence(ImageView<const T> image, const Window& window, const PsfFit& 
   return true;
 }
 
-template <typename T>
-PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
-                      const SensorModel& sensor, const LocalPsf& psf, const Companion& companion) {
-  constexpr int kMaxRounds = 8;
-  constexpr double kFluxError = 0.1;
-  ASTRONAV_CHECK(image.contains(window.u0, window.v0) && image.contains(window.u1, window.v1));
-  ASTRONAV_CHECK(window.width() <= kMaxFitWindow && window.height() <= kMaxFitWindow);
-  Patch patch;
-  patch.load(image, window, level, sensor);
-  Patch alone = patch;
-  AxisProfile x, y;
-  const auto fit_without = [&](double flux, Pixel from, double sigma_px) {
-    x.compute(window.u0, window.width(), from.u + companion.offset_px.x(), sigma_px);
-    y.compute(window.v0, window.height(), from.v + companion.offset_px.y(), sigma_px);
-    for (int j = 0; j < window.height(); ++j) {
-      for (int i = 0; i < window.width(); ++i) {
-        const auto k = static_cast<std::size_t>(j * kMaxFitWindow + i);
-        alone.light[k] =
-            patch.light[k] - flux * x.share[static_cast<std::size_t>(i)] * y.share[static_cast<std::size_t>(j)];
-      }
-    }
-    return fit_patch(alone, from, sensor, psf, nullptr);
-  };
-  PsfFit fit = fit_without(companion.flux_dn, guess, psf.sigma_px());
-  for (int round = 0; round < kMaxRounds && fit.converged; ++round) {
-    const PsfFit next = fit_without(companion.flux_dn, fit.pixel, fit.sigma_px);
-    const double moved = (next.pixel.vec() - fit.pixel.vec()).norm();
-    fit = next;
-    if (moved < kConverged) break;
-  }
-  if (!fit.converged) return fit;
-  const PsfFit other = fit_without((1.0 - kFluxError) * companion.flux_dn, fit.pixel, fit.sigma_px);
-  const Vec2 shift = other.converged ? Vec2(fit.pixel.vec() - other.pixel.vec()) : Vec2::Zero();
-  // The companion's light is as wrong in the next image.
-  fit.repeating_sigma_px = std::hypot(fit.repeating_sigma_px, shift.norm() / std::sqrt(2.0));
-  return fit;
-}
-
-#define ASTRONAV_FITS_OF(T)                                                                                          \
-  template PsfFit fit_psf<T>(ImageView<const T>, const Window&, Pixel, const LocalLevel&, const SensorModel&,        \
-                             const LocalPsf&, PsfEvidence*);                                                         \
-  template PsfFit fit_psf<T>(ImageView<const T>, const Window&, Pixel, double, double, const SensorModel&);          \
-  template bool psf_evidence<T>(ImageView<const T>, const Window&, const PsfFit&, const LocalLevel&,                 \
-                                const SensorModel&, const LocalPsf&, PsfEvidence&);                                  \
-  template PsfFit fit_psf_beside<T>(ImageView<const T>, const Window&, Pixel, const LocalLevel&, const SensorModel&, \
-                                    const LocalPsf&, const Companion&);
+#define ASTRONAV_FITS_OF(T)                                                                                   \
+  template PsfFit fit_psf<T>(ImageView<const T>, const Window&, Pixel, const LocalLevel&, const SensorModel&, \
+                             const LocalPsf&, PsfEvidence*);                                                  \
+  template PsfFit fit_psf<T>(ImageView<const T>, const Window&, Pixel, double, double, const SensorModel&);   \
+  template bool psf_evidence<T>(ImageView<const T>, const Window&, const PsfFit&, const LocalLevel&,          \
+                                const SensorModel&, const LocalPsf&, PsfEvidence&);
 ASTRONAV_FITS_OF(std::uint8_t)
 ASTRONAV_FITS_OF(std::uint16_t)
 ASTRONAV_FITS_OF(float)

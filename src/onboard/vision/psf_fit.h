@@ -65,17 +65,4 @@ template <typename T>
 bool psf_evidence(ImageView<const T> image, const Window& window, const PsfFit& fit, const LocalLevel& level,
                   const SensorModel& sensor, const LocalPsf& psf, PsfEvidence& evidence);
 
-// Another body whose light falls into the window: its place relative to the spot, and its light. Not as a share of the
-// spot's own flux: that of a saturated spot is known from its wings alone, to 20 %.
-struct Companion {
-  Vec2 offset_px = Vec2::Zero();
-  double flux_dn = 0.0;
-};
-
-// The same beside a companion (the Moon beside the Earth): its light is taken away, and the fit repeated until both
-// agree. Its flux is believed to 10 %; what that moves the place by repeats from image to image.
-template <typename T>
-PsfFit fit_psf_beside(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
-                      const SensorModel& sensor, const LocalPsf& psf, const Companion& companion);
-
 }  // namespace astronav::vision

@@ -60,21 +60,30 @@ template void Patch::load<std::uint16_t>(ImageView<const std::uint16_t>, const W
                                          const SensorModel&);
 template void Patch::load<float>(ImageView<const float>, const Window&, const LocalLevel&, const SensorModel&);
 
+PsfFit inflated(PsfFit fit) {
+  constexpr double kBlendChi2 = 2.5;
+  if (fit.chi2_per_dof > kBlendChi2) fit.covariance_px2 *= fit.chi2_per_dof;
+  return fit;
+}
+
 bool ShapeFit::inside(const Vector& p) const {
   const Window& w = patch_.window;
   return p(0) >= w.u0 && p(0) <= w.u1 && p(1) >= w.v0 && p(1) <= w.v1 && p(kFlux) < 40.0 && std::isfinite(p.sum());
 }
 
-void ShapeFit::profiles(const Vector& p) {
-  const Window& w = patch_.window;
-  const auto shape = p.tail<LocalPsf::count>();
+void PointProfiles::compute(const Window& w, Pixel at, const LocalPsf::Vector& shape) {
   const double width = shape(LocalPsf::halo_width);
-  x_.compute(w.u0, w.width(), p(0), shape(LocalPsf::width));
-  y_.compute(w.v0, w.height(), p(1), shape(LocalPsf::width));
-  inner_x_.compute(w.u0, w.width(), p(0) + shape(LocalPsf::halo_u), width);
-  inner_y_.compute(w.v0, w.height(), p(1) + shape(LocalPsf::halo_v), width);
-  outer_x_.compute(w.u0, w.width(), p(0) + shape(LocalPsf::halo_u), LocalPsf::kOuterWidth * width);
-  outer_y_.compute(w.v0, w.height(), p(1) + shape(LocalPsf::halo_v), LocalPsf::kOuterWidth * width);
+  const double halo_u = at.u + shape(LocalPsf::halo_u), halo_v = at.v + shape(LocalPsf::halo_v);
+  x.compute(w.u0, w.width(), at.u, shape(LocalPsf::width));
+  y.compute(w.v0, w.height(), at.v, shape(LocalPsf::width));
+  inner_x.compute(w.u0, w.width(), halo_u, width);
+  inner_y.compute(w.v0, w.height(), halo_v, width);
+  outer_x.compute(w.u0, w.width(), halo_u, LocalPsf::kOuterWidth * width);
+  outer_y.compute(w.v0, w.height(), halo_v, LocalPsf::kOuterWidth * width);
+}
+
+void ShapeFit::profiles(const Vector& p) {
+  point_.compute(patch_.window, {p(0), p(1)}, p.tail<LocalPsf::count>());
 }
 
 // The median of the fluxes that the brightest unsaturated pixels ask for is the start. Around a very bright core they
@@ -90,9 +99,9 @@ bool ShapeFit::start_flux(Vector& p) {
       const auto k = static_cast<std::size_t>(j * kMaxFitWindow + i);
       if (patch_.counts[k] == 0.0) continue;
       const double signal = patch_.light[k];
-      const double halo = (1.0 - outer) * at(inner_x_.share, i) * at(inner_y_.share, j) +
-                          outer * at(outer_x_.share, i) * at(outer_y_.share, j);
-      const double g = at(x_.share, i) * at(y_.share, j) + share * halo;
+      const double halo = (1.0 - outer) * at(point_.inner_x.share, i) * at(point_.inner_y.share, j) +
+                          outer * at(point_.outer_x.share, i) * at(point_.outer_y.share, j);
+      const double g = at(point_.x.share, i) * at(point_.y.share, j) + share * halo;
       if (g < 1e-12) continue;
       if (count == kBrightest && signal <= value[kBrightest - 1]) continue;
       auto n = static_cast<std::size_t>(count < kBrightest ? count++ : kBrightest - 1);
@@ -124,15 +133,15 @@ void ShapeFit::weigh(const Vector& p) {
   const double noise2 = patch_.noise_dn * patch_.noise_dn, shot = 1.0 / sensor_.gain_e_dn;
   const int width = patch_.padded_width();
   for (int j = 0; j < patch_.window.height(); ++j) {
-    const double core_y = flux * at(y_.share, j);
-    const double inner_y = flux * share * (1.0 - outer) * at(inner_y_.share, j);
-    const double outer_y = flux * share * outer * at(outer_y_.share, j);
+    const double core_y = flux * at(point_.y.share, j);
+    const double inner_y = flux * share * (1.0 - outer) * at(point_.inner_y.share, j);
+    const double outer_y = flux * share * outer * at(point_.outer_y.share, j);
     double* const weight = weight_.data() + j * kMaxFitWindow;
     const double* const counts = patch_.counts.data() + j * kMaxFitWindow;
     for (int i = 0; i < width; ++i) {
       const auto k = static_cast<std::size_t>(i);
-      const double halo = inner_y * inner_x_.share[k] + outer_y * outer_x_.share[k];
-      const double signal = core_y * x_.share[k] + halo;
+      const double halo = inner_y * point_.inner_x.share[k] + outer_y * point_.outer_x.share[k];
+      const double signal = core_y * point_.x.share[k] + halo;
       weight[i] = counts[i] / (noise2 + signal * (shot + shape2 * signal) + halo_shape2 * halo * halo);
     }
   }
@@ -144,15 +153,16 @@ double ShapeFit::misfit(const Vector& p) const {
   const double flux = std::exp(p(kFlux));
   const double share = p(kShape + LocalPsf::halo_share), outer = p(kShape + LocalPsf::outer_share);
   for (int j = 0; j < patch_.window.height(); ++j) {
-    const double core_y = flux * at(y_.share, j);
-    const double inner_y = flux * share * (1.0 - outer) * at(inner_y_.share, j);
-    const double outer_y = flux * share * outer * at(outer_y_.share, j);
+    const double core_y = flux * at(point_.y.share, j);
+    const double inner_y = flux * share * (1.0 - outer) * at(point_.inner_y.share, j);
+    const double outer_y = flux * share * outer * at(point_.outer_y.share, j);
     for (int group = 0; group < patch_.padded_width(); group += kLanes) {
       const auto first = static_cast<std::size_t>(group);
       const std::size_t pixel = static_cast<std::size_t>(j * kMaxFitWindow) + first;
       for (std::size_t l = 0; l < kLanes; ++l) {
         const std::size_t i = first + l;
-        const double signal = core_y * x_.share[i] + inner_y * inner_x_.share[i] + outer_y * outer_x_.share[i];
+        const double signal =
+            core_y * point_.x.share[i] + inner_y * point_.inner_x.share[i] + outer_y * point_.outer_x.share[i];
         const double residual = patch_.light[pixel + l] - signal;
         chi2[l] += weight_[pixel + l] * residual * residual;
       }
@@ -174,11 +184,12 @@ double ShapeFit::linearize(const Vector& p) {
   const double share = p(kShape + LocalPsf::halo_share), outer = p(kShape + LocalPsf::outer_share);
   const double inner = 1.0 - outer;
   for (int j = 0; j < patch_.window.height(); ++j) {
-    const double cy = flux * at(y_.share, j), cy_c = flux * at(y_.by_center, j), cy_s = flux * at(y_.by_sigma, j);
-    const double ay = flux * at(inner_y_.share, j), ay_c = flux * at(inner_y_.by_center, j),
-                 ay_s = flux * at(inner_y_.by_sigma, j);
-    const double by = flux * at(outer_y_.share, j), by_c = flux * at(outer_y_.by_center, j),
-                 by_s = flux * LocalPsf::kOuterWidth * at(outer_y_.by_sigma, j);
+    const double cy = flux * at(point_.y.share, j), cy_c = flux * at(point_.y.by_center, j),
+                 cy_s = flux * at(point_.y.by_sigma, j);
+    const double ay = flux * at(point_.inner_y.share, j), ay_c = flux * at(point_.inner_y.by_center, j),
+                 ay_s = flux * at(point_.inner_y.by_sigma, j);
+    const double by = flux * at(point_.outer_y.share, j), by_c = flux * at(point_.outer_y.by_center, j),
+                 by_s = flux * LocalPsf::kOuterWidth * at(point_.outer_y.by_sigma, j);
     for (int group = 0; group < patch_.padded_width(); group += kLanes) {
       const auto first = static_cast<std::size_t>(group);
       const std::size_t pixel = static_cast<std::size_t>(j * kMaxFitWindow) + first;
@@ -186,22 +197,23 @@ double ShapeFit::linearize(const Vector& p) {
       alignas(64) Lanes weight, residual;
       for (std::size_t l = 0; l < kLanes; ++l) {
         const std::size_t i = first + l;
-        const double a = ay * inner_x_.share[i], b = by * outer_x_.share[i];
+        const double a = ay * point_.inner_x.share[i], b = by * point_.outer_x.share[i];
         const double halo = inner * a + outer * b;
-        const double core = cy * x_.share[i];
-        const double halo_u = inner * ay * inner_x_.by_center[i] + outer * by * outer_x_.by_center[i];
-        const double halo_v = inner * ay_c * inner_x_.share[i] + outer * by_c * outer_x_.share[i];
+        const double core = cy * point_.x.share[i];
+        const double halo_u = inner * ay * point_.inner_x.by_center[i] + outer * by * point_.outer_x.by_center[i];
+        const double halo_v = inner * ay_c * point_.inner_x.share[i] + outer * by_c * point_.outer_x.share[i];
         const double signal = core + share * halo;
         weight[l] = weight_[pixel + l];
         residual[l] = patch_.light[pixel + l] - signal;
-        jacobian[0][l] = cy * x_.by_center[i] + share * halo_u;
-        jacobian[1][l] = cy_c * x_.share[i] + share * halo_v;
+        jacobian[0][l] = cy * point_.x.by_center[i] + share * halo_u;
+        jacobian[1][l] = cy_c * point_.x.share[i] + share * halo_v;
         jacobian[kFlux][l] = signal;
-        jacobian[kShape + LocalPsf::width][l] = cy * x_.by_sigma[i] + cy_s * x_.share[i];
+        jacobian[kShape + LocalPsf::width][l] = cy * point_.x.by_sigma[i] + cy_s * point_.x.share[i];
         jacobian[kShape + LocalPsf::halo_share][l] = halo;
         jacobian[kShape + LocalPsf::halo_width][l] =
-            share * (inner * (ay * inner_x_.by_sigma[i] + ay_s * inner_x_.share[i]) +
-                     outer * (by * LocalPsf::kOuterWidth * outer_x_.by_sigma[i] + by_s * outer_x_.share[i]));
+            share *
+            (inner * (ay * point_.inner_x.by_sigma[i] + ay_s * point_.inner_x.share[i]) +
+             outer * (by * LocalPsf::kOuterWidth * point_.outer_x.by_sigma[i] + by_s * point_.outer_x.share[i]));
         jacobian[kShape + LocalPsf::outer_share][l] = share * (b - a);
         jacobian[kShape + LocalPsf::halo_u][l] = share * halo_u;
         jacobian[kShape + LocalPsf::halo_v][l] = share * halo_v;

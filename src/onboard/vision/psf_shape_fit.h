@@ -28,6 +28,15 @@ struct Patch {
   bool saturated_ = false;
 };
 
+// One point of light on the axes of a window: its core, and the halo's two parts.
+struct PointProfiles {
+  AxisProfile x, y, inner_x, inner_y, outer_x, outer_y;
+  void compute(const Window& w, Pixel at, const LocalPsf::Vector& shape);
+};
+
+// Beyond this chi-square per degree of freedom something else is in the window, and the covariance grows with it.
+PsfFit inflated(PsfFit fit);
+
 class ShapeFit {
  public:
   static constexpr int kFlux = 2, kShape = 3, kParameters = kShape + LocalPsf::count;
@@ -61,7 +70,7 @@ class ShapeFit {
 
   const Patch& patch_;
   const SensorModel& sensor_;
-  AxisProfile x_, y_, inner_x_, inner_y_, outer_x_, outer_y_;
+  PointProfiles point_;
   alignas(64) std::array<double, kMaxFitWindow * kMaxFitWindow> weight_;
   Matrix information_;
   Vector gradient_;

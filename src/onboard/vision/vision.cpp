@@ -2,6 +2,7 @@
 #include "onboard/vision/vision.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "foundation/base/clock.h"
@@ -9,14 +10,15 @@
 namespace astronav::vision {
 namespace {
 
-// A saturated spot may hold more light than it tells, but not less.
-bool as_bright(const Centroid& spot, const PlanetPrediction& prediction) {
-  if (!(prediction.expected_flux_dn > 0.0)) return true;
-  const double brighter = std::log10(std::max(spot.flux_dn, 1e-3) / prediction.expected_flux_dn);
-  return brighter < 0.8 && (spot.saturated || brighter > -1.0);  // 2 and 2.5 mag
+bool as_bright(double flux_dn, double expected_dn) {
+  return std::abs(std::log10(std::max(flux_dn, 1e-3) / expected_dn)) < 1.0;  // 2.5 mag
 }
 
 constexpr double kSteadyPx = 0.1;  // no spot is asked to be steadier
+// Two bodies: their common spot is off by so much, and more where they are apart; a prediction as good as this is a
+// guess to start from; no offset is asked to be nearer to what was foretold; and from a body's fitted place to its own
+// spot.
+constexpr double kBlendedPx = 4.0, kSurePx = 2.0, kAstrayPx = 0.3, kOwnSpotPx = 3.0;
 // Half of what the light of a star, and of a saturated planet with its halo, covers.
 constexpr double kStarReachPx = 9.0, kPlanetReachPx = 24.0;
 
@@ -39,9 +41,10 @@ Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const S
       attention_(camera.width_px, camera.height_px),
       memory_(settings.max_planets) {
   const auto spots = static_cast<std::size_t>(settings.centroids.max_centroids);
-  centroids_.resize(spots);
+  centroids_.resize(spots + settings.max_planets);  // bodies in the wings of another have no spot of their own
   stars_.resize(spots);
-  is_star_.resize(spots);
+  is_star_.resize(centroids_.size());
+  parts_.resize(settings.max_planets);
   planets_.resize(settings.max_planets);
   guides_.resize(settings.guide_stars);
 }
@@ -124,28 +127,55 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   std::fill(is_star_.begin(), is_star_.end(), static_cast<unsigned char>(0));
   if (known) std::copy(identifier_.on_star().begin(), identifier_.on_star().end(), is_star_.begin());
   // Nor is a planet a hot pixel, a proton or a streak; a near one may well be wider than a point.
-  const std::size_t spots = result_.centroids.size();
-  const double area_px = result_.whole ? 0.0 : attention_.area_px();
-  for (std::size_t i = 0; i < spots; ++i)
+  for (std::size_t i = 0; i < result_.centroids.size(); ++i)
     if (centroids_[i].kind != SpotKind::point && centroids_[i].kind != SpotKind::extended) is_star_[i] = 1;
   for (std::size_t i = 0; i < predictions.size(); ++i) {
     planets_[i] = PlanetMatch{};
     planets_[i].body = predictions[i].body;
-    if (!known) continue;
-    if (predictions[i].companion_flux_dn > 0.0 && !part_from_companion(frame, predictions[i])) continue;
+  }
+  if (known) name_planets(frame, observer.epoch, predictions);
+  result_.planets = std::span<const PlanetMatch>(planets_.data(), predictions.size());
+  const double done = now_ms();
+  result_.time_ms = {centroided_ms_ - begin, identified - centroided_ms_, done - identified, done - begin};
+  return result_;
+}
+
+void Vision::name_planets(ImageView<const std::uint16_t> frame, Epoch epoch,
+                          std::span<const PlanetPrediction> predictions) {
+  for (std::size_t i = 0; i < predictions.size(); ++i) parts_[i] = {.neighbour = neighbour_of(predictions, i)};
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    const std::optional<Neighbour>& neighbour = parts_[i].neighbour;
+    if (!neighbour) continue;
+    if (const std::size_t other = neighbour->prediction; other != kNone) {
+      // A third body beside two takes no part; and of two the brighter one asks for both.
+      const bool mutual = parts_[other].neighbour && parts_[other].neighbour->prediction == i;
+      if (!mutual || neighbour->flux_dn > predictions[i].expected_flux_dn) continue;
+    }
+    part_from_neighbour(frame, predictions, i, *neighbour);
+  }
+  const double area_px = result_.whole ? 0.0 : attention_.area_px();
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    if (parts_[i].mixed) continue;
+    // A spot that a neighbour's light was parted into is the neighbour's.
+    const auto bar_others = [&](unsigned char barred) {
+      for (std::size_t k = 0; k < predictions.size(); ++k)
+        if (k != i && parts_[k].spot != kNone && !planets_[k].found) is_star_[parts_[k].spot] = barred;
+    };
+    bar_others(1);
     planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
-                              std::span<const unsigned char>(is_star_.data(), spots), settings_.planets, area_px);
-    if (planets_[i].found) planets_[i].found = stayed(planets_[i], observer.epoch);
+                              std::span<const unsigned char>(is_star_.data(), result_.centroids.size()),
+                              settings_.planets, area_px);
+    bar_others(0);
+    if (planets_[i].found) planets_[i].found = stayed(planets_[i], epoch);
     if (!planets_[i].found) continue;
     is_star_[planets_[i].centroid] = 1;
     Centroid& spot = centroids_[planets_[i].centroid];
     if (spot.saturated)
       spot.repeating_sigma_px = std::hypot(spot.repeating_sigma_px, repeating_of_disc(predictions[i]));
   }
-  result_.planets = std::span<const PlanetMatch>(planets_.data(), predictions.size());
-  const double done = now_ms();
-  result_.time_ms = {centroided_ms_ - begin, identified - centroided_ms_, done - identified, done - begin};
-  return result_;
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    if (parts_[i].leans_on != kNone && !planets_[parts_[i].leans_on].found) planets_[i].found = false;
+  }
 }
 
 // Where the spot lies among the stars, against the last frame that showed the body.
@@ -160,43 +190,120 @@ bool Vision::stayed(const PlanetMatch& match, Epoch epoch) {
   return memory_.agrees(match.body, attitude.R_CN.transpose() * *direction_C, sigma, epoch, settings_.planets);
 }
 
-// A disc lit from one side is skew: its third cumulant along the Sun's direction is up to 0.013 R^3 (Lambert). At x
-// from the centre a Gaussian's wing then seems shifted by 0.013 R^3 x^2 / (6 sigma^4); the wings of a saturated spot
-// are seen at 3 to 4 sigma.
 double Vision::repeating_of_disc(const PlanetPrediction& prediction) const {
-  constexpr double kShift = 0.013 * 3.5 * 3.5 / 6.0;
-  const double radius_px = prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px;
-  return kShift * radius_px * radius_px * radius_px / (psf_sigma_px_ * psf_sigma_px_);
+  return skew_of_disc_px(prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px, psf_sigma_px_);
 }
 
-// The spot nearest to the prediction that may be it is measured again with the companion's light taken away: blended,
-// it would be off by more than its covariance says, and be refused.
-bool Vision::part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction) {
-  constexpr double kNearPx = 4.0;        // a blended centroid lies this near to the planet
-  constexpr double kCompanionPx = 20.0;  // beyond it the light does not reach a fit's window
-  const Result<PredictedPixel> planet = predict_pixel(prediction, result_.attitude);
-  const Result<Pixel> companion =
-      project(result_.attitude.intrinsics, result_.attitude.R_CN * prediction.companion_direction_N);
-  if (!planet || !companion) return true;
-  const Companion beside{companion->vec() - planet->pixel.vec(), prediction.companion_flux_dn};
-  const double apart_px = beside.offset_px.norm();
-  const double sigma_px = std::sqrt(planet->covariance_px2.trace());
-  const bool brighter = prediction.expected_flux_dn > prediction.companion_flux_dn;
-  std::size_t chosen = result_.centroids.size();
-  double least = std::max(kNearPx, 3.0 * sigma_px);
-  for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
-    if (is_star_[i] || !as_bright(result_.centroids[i], prediction)) continue;
-    const double distance = (result_.centroids[i].pixel.vec() - planet->pixel.vec()).norm();
-    if (distance >= least) continue;
-    chosen = i;
-    if (brighter) break;  // the brightest spot comes first
-    least = distance;
+// What stands beside a body, by what was told with it or by the other predictions.
+std::optional<Vision::Neighbour> Vision::neighbour_of(std::span<const PlanetPrediction> predictions,
+                                                      std::size_t index) const {
+  // Beyond it the light does not reach a fit's window, nor do two spots touch.
+  constexpr double kReachPx = 40.0;
+  constexpr double kSameRad = 1e-6;
+  const PlanetPrediction& body = predictions[index];
+  const Result<PredictedPixel> place = predict_pixel(body, result_.attitude);
+  if (!place || !(body.expected_flux_dn > 0.0)) return std::nullopt;
+  std::optional<Neighbour> nearest;
+  double least = kReachPx;
+  if (body.companion_flux_dn > 0.0) {
+    const Result<Pixel> beside =
+        project(result_.attitude.intrinsics, result_.attitude.R_CN * body.companion_direction_N);
+    if (!beside) return std::nullopt;
+    const Vec2 offset = beside->vec() - place->pixel.vec();
+    if (offset.norm() > kReachPx) return std::nullopt;
+    // An error of the spacecraft's place shrinks or turns the way from one to the other by what it turns the sight;
+    // some of that way, for the Moon as long as 60 of the Earth's radii, may lie along the sight.
+    constexpr double kOrbitRadii = 60.0;
+    const double way_px =
+        std::max(offset.norm(), kOrbitRadii * body.angular_radius_rad * result_.attitude.intrinsics.fx_px);
+    const double turned_px = way_px * std::sqrt(0.5 * body.direction_covariance.trace());
+    nearest = Neighbour{*beside, offset, Mat2::Identity() * turned_px * turned_px, body.companion_flux_dn, kNone};
+    least = 0.0;
   }
-  if (chosen == result_.centroids.size()) return true;
-  // Two round spots that touch are together at least this long.
-  if (apart_px > kCompanionPx) return 2.0 * std::sqrt(centroids_[chosen].pixels / kPi) < apart_px;
-  const Pixel guess = sigma_px < 1.0 ? planet->pixel : centroids_[chosen].pixel;
-  return finder_.measure_beside(frame, result_.level, guess, beside, centroids_[chosen]);
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    if (i == index || !(predictions[i].expected_flux_dn > 0.0)) continue;
+    if (body.companion_flux_dn > 0.0 && (predictions[i].direction_N - body.companion_direction_N).norm() < kSameRad) {
+      nearest->prediction = i;
+      continue;
+    }
+    const Result<PredictedPixel> other = predict_pixel(predictions[i], result_.attitude);
+    if (!other) continue;
+    const Vec2 offset = other->pixel.vec() - place->pixel.vec();
+    if (offset.norm() >= least) continue;
+    least = offset.norm();
+    nearest = Neighbour{other->pixel, offset, Mat2(place->covariance_px2 + other->covariance_px2),
+                        predictions[i].expected_flux_dn, i};
+  }
+  return nearest;
+}
+
+// Two bodies in one spot, or in each other's wings, are measured together: alone each would be off by more than its
+// covariance says, and be refused. The brighter one first, in the spot that it must have; then the other, in its own
+// spot or in a new one.
+void Vision::part_from_neighbour(ImageView<const std::uint16_t> frame, std::span<const PlanetPrediction> predictions,
+                                 std::size_t index, const Neighbour& neighbour) {
+  const PlanetPrediction& body = predictions[index];
+  const PredictedPixel place = *predict_pixel(body, result_.attitude);
+  const bool brighter = body.expected_flux_dn >= neighbour.flux_dn;
+  const std::size_t first = brighter ? index : kNone, second = brighter ? neighbour.prediction : index;
+  PairBelief belief{.first_flux_dn = brighter ? body.expected_flux_dn : neighbour.flux_dn,
+                    .second_flux_dn = brighter ? neighbour.flux_dn : body.expected_flux_dn,
+                    .offset_px = brighter ? neighbour.offset_px : Vec2(-neighbour.offset_px),
+                    .offset_covariance_px2 = neighbour.offset_covariance_px2};
+  const Pixel expected = brighter ? place.pixel : neighbour.pixel;
+  // A spot of both lies between them.
+  const double sigma_px = std::sqrt(place.covariance_px2.trace());
+  const double near_px = std::max(kBlendedPx, 0.5 * belief.offset_px.norm()) + 3.0 * sigma_px;
+  std::size_t chosen = kNone;
+  for (std::size_t i = 0; i < result_.centroids.size() && chosen == kNone; ++i) {
+    if (is_star_[i] || (centroids_[i].pixel.vec() - expected.vec()).norm() > near_px) continue;
+    if (centroids_[i].saturated || as_bright(centroids_[i].flux_dn, belief.first_flux_dn)) chosen = i;
+  }
+  if (chosen == kNone) return;
+  const auto between = [&](double share) {
+    const Vec2 at = centroids_[chosen].pixel.vec() - share * belief.offset_px;
+    return Pixel{at.x(), at.y()};
+  };
+  const std::array<Pixel, 5> guesses{expected, between(0.0), between(0.3), between(0.6), between(1.0)};
+  const std::span<const Pixel> tried = std::span<const Pixel>(guesses).subspan(sigma_px < kSurePx ? 0 : 1);
+  if (!finder_.measure_beside(frame, result_.level, tried, belief, centroids_[chosen])) {
+    parts_[index].mixed = true;
+    if (second != kNone) parts_[second].mixed = true;
+    return;
+  }
+  if (first == kNone)
+    is_star_[chosen] = 1;  // another planet
+  else
+    parts_[first].spot = chosen;
+  if (second == kNone) return;
+
+  const Centroid& bright = centroids_[chosen];
+  belief = {.first_flux_dn = belief.second_flux_dn,
+            .second_flux_dn = bright.flux_dn,
+            .offset_px = -belief.offset_px,
+            .offset_covariance_px2 = belief.offset_covariance_px2};
+  const Pixel guess{bright.pixel.u - belief.offset_px.x(), bright.pixel.v - belief.offset_px.y()};
+  Centroid faint;
+  // It was foretold from there: a fit that ends elsewhere has gone astray.
+  const double foretold_px = std::sqrt(belief.offset_covariance_px2.trace() + bright.covariance_px2.trace());
+  parts_[second].mixed = !finder_.measure_beside(frame, result_.level, {&guess, 1}, belief, faint) ||
+                         (faint.pixel.vec() - guess.vec()).norm() > std::max(kAstrayPx, 4.0 * foretold_px);
+  if (parts_[second].mixed) return;
+  std::size_t own = result_.centroids.size();
+  for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
+    if (i != chosen && !is_star_[i] && (centroids_[i].pixel.vec() - faint.pixel.vec()).norm() < kOwnSpotPx) own = i;
+  }
+  if (own == centroids_.size()) return;
+  if (own == result_.centroids.size()) {
+    is_star_[own] = 0;
+    result_.centroids = std::span<const Centroid>(centroids_.data(), own + 1);
+  } else {
+    faint.peak_dn = centroids_[own].peak_dn;
+    faint.pixels = centroids_[own].pixels;
+  }
+  centroids_[own] = faint;
+  parts_[second].spot = own;
+  parts_[second].leans_on = first;
 }
 
 }  // namespace astronav::vision

@@ -39,7 +39,7 @@ struct StageTimes {  // ms
 
 struct FrameResult {
   FrameLevel level;
-  std::span<const Centroid> centroids;  // brightest first
+  std::span<const Centroid> centroids;  // brightest first; then bodies in the wings of another
   bool whole = true;                    // false: only the surroundings of what was expected were looked at
   AttitudeSource source = AttitudeSource::none;
   AttitudeSolution attitude;  // valid where source != none
@@ -73,8 +73,26 @@ class Vision {
   // What a disc, fitted as a point, adds to the error that repeats.
   double repeating_of_disc(const PlanetPrediction& prediction) const;
   bool stayed(const PlanetMatch& match, Epoch epoch);
-  // False where that is needed and fails.
-  bool part_from_companion(ImageView<const std::uint16_t> frame, const PlanetPrediction& prediction);
+  void name_planets(ImageView<const std::uint16_t> frame, Epoch epoch, std::span<const PlanetPrediction> predictions);
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  // A body foretold so near to another that their light mixes.
+  struct Neighbour {
+    Pixel pixel;
+    Vec2 offset_px = Vec2::Zero();  // of this from the body
+    Mat2 offset_covariance_px2 = Mat2::Zero();
+    double flux_dn = 0.0;
+    std::size_t prediction = kNone;  // where it is one of them
+  };
+  // What became of a body that has a neighbour.
+  struct Part {
+    std::optional<Neighbour> neighbour;
+    bool mixed = false;            // its light cannot be told from the other's
+    std::size_t spot = kNone;      // its own
+    std::size_t leans_on = kNone;  // the brighter one, beside which it was measured: named only if that is
+  };
+  std::optional<Neighbour> neighbour_of(std::span<const PlanetPrediction> predictions, std::size_t index) const;
+  void part_from_neighbour(ImageView<const std::uint16_t> frame, std::span<const PlanetPrediction> predictions,
+                           std::size_t index, const Neighbour& neighbour);
 
   VisionSettings settings_;
   double psf_sigma_px_;
@@ -90,6 +108,7 @@ class Vision {
   std::vector<MatchedStar> stars_;
   std::vector<PlanetMatch> planets_;
   std::vector<unsigned char> is_star_;
+  std::vector<Part> parts_;  // by prediction
   FrameResult result_;
 };
 

@@ -267,6 +267,48 @@ TEST(Vision, FindsPlanetsWhereTheyArePredicted) {
   EXPECT_TRUE(chi_square_mean_band(0.999, 2, found).contains(chi2 / found)) << chi2 / found;
 }
 
+// The Moon, a fortieth of the Earth's light, from the same pixel to beyond the Earth's wings; both saturated or the
+// Moon not. Where they stand in one spot only the foretold offset, wrong by what 1e5 km make of it, tells them apart.
+TEST(Vision, NamesTheEarthAndTheMoonInOneSpot) {
+  const Truth truth{.halo_fraction = 0.015};
+  const Intrinsics camera = camera20();
+  Vision vision({}, camera, testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 12, .purpose = "Earth and Moon"});
+  constexpr double kSigma = 1e8 / 3.0 / 1.0e11;
+  double chi2 = 0.0;
+  int found = 0;
+  for (int k = 0; k < 12; ++k) {
+    Scene scene{moving(), random_attitude(random)};
+    const double apart_px = 2.0 * k, angle = random.uniform(0.0, 2.0 * kPi), earth_e = k % 2 == 0 ? 1.5e7 : 6e7;
+    Source both[2] = {{{random.uniform(80, 940), random.uniform(80, 940)}, earth_e}, {{}, earth_e / 40.0}};
+    both[1].pixel = {both[0].pixel.u + apart_px * std::cos(angle), both[0].pixel.v + apart_px * std::sin(angle)};
+    paint(scene, truth, camera, random, both);
+    const Vec3 off = kSigma * Vec3(random.normal(), random.normal(), random.normal());
+    PlanetPrediction predictions[2];
+    for (int i = 0; i < 2; ++i) {
+      const Vec3 direction = scene.R_CN.transpose() * *unproject(camera, both[i].pixel);
+      predictions[i] = prediction_of(i == 0 ? body::earth : body::moon, (direction + off).normalized(), kSigma,
+                                     both[i].electrons * std::pow(10.0, 0.06 * random.normal()), truth);
+    }
+    for (int i = 0; i < 2; ++i) {
+      predictions[i].companion_direction_N = predictions[1 - i].direction_N;
+      predictions[i].companion_flux_dn = predictions[1 - i].expected_flux_dn;
+    }
+    scene.observer.epoch = scene.observer.epoch + Duration::days(k);
+    const FrameResult& result = vision.process(scene.image, scene.observer, {}, predictions);
+    for (int i = 0; i < 2; ++i) {
+      ASSERT_TRUE(result.planets[i].found) << apart_px << " px, body " << i;
+      const Centroid& spot = result.centroids[result.planets[i].centroid];
+      const Vec2 error = spot.pixel.vec() - both[i].pixel.vec();
+      EXPECT_LT(error.norm(), 0.1) << apart_px << " px, body " << i;
+      chi2 += error.dot(spot.covariance_px2.inverse() * error);
+      ++found;
+    }
+  }
+  // Two bodies of one fit share their errors: as if half of them were there.
+  EXPECT_LT(chi2 / found, chi_square_mean_band(0.999, 2, found / 2).hi);
+}
+
 TEST(Vision, NamesNoPlanetWhereThereIsNone) {
   const Truth truth;
   const Intrinsics camera = camera20();

@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "onboard/vision/psf_pair_fit.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+
+#include "onboard/vision/psf_shape_fit.h"
+
+namespace astronav::vision {
+namespace {
+
+constexpr int kMaxIterations = 40;
+constexpr double kConverged = 1e-4;  // px
+// What is believed of the second's light is right to 0.3 mag: phase laws and colours.
+constexpr double kFluxSigma = 0.3;
+// No offset is known better than a lens is.
+constexpr double kLeastOffsetPx = 0.003;
+
+// The first's place, the logarithm of its core's flux and the shape of both, as in ShapeFit; the second's flux, offset.
+constexpr int kOther = ShapeFit::kParameters, kOffset = kOther + 1, kParameters = kOffset + 2;
+using Vector = Eigen::Matrix<double, kParameters, 1>;
+using Matrix = Eigen::Matrix<double, kParameters, kParameters>;
+
+LocalPsf::Vector shape_of(const Vector& p) {
+  return p.segment<LocalPsf::count>(ShapeFit::kShape);
+}
+
+// Light of one point in one pixel, and its slopes by place, ln(flux) and shape.
+struct Light {
+  double signal, halo;
+  ShapeFit::Vector slopes;
+
+  Light(const PointProfiles& of, std::size_t i, std::size_t j, double flux, const LocalPsf::Vector& shape) {
+    const double share = shape(LocalPsf::halo_share), outer = shape(LocalPsf::outer_share), inner = 1.0 - outer;
+    const double a = of.inner_x.share[i] * of.inner_y.share[j], b = of.outer_x.share[i] * of.outer_y.share[j];
+    const double around = flux * (inner * a + outer * b);
+    const double halo_u = flux * (inner * of.inner_x.by_center[i] * of.inner_y.share[j] +
+                                  outer * of.outer_x.by_center[i] * of.outer_y.share[j]);
+    const double halo_v = flux * (inner * of.inner_x.share[i] * of.inner_y.by_center[j] +
+                                  outer * of.outer_x.share[i] * of.outer_y.by_center[j]);
+    const double a_width = of.inner_x.by_sigma[i] * of.inner_y.share[j] + of.inner_x.share[i] * of.inner_y.by_sigma[j];
+    const double b_width = of.outer_x.by_sigma[i] * of.outer_y.share[j] + of.outer_x.share[i] * of.outer_y.by_sigma[j];
+    halo = share * around;
+    signal = flux * of.x.share[i] * of.y.share[j] + halo;
+    slopes << flux * of.x.by_center[i] * of.y.share[j] + share * halo_u,
+        flux * of.x.share[i] * of.y.by_center[j] + share * halo_v, signal,
+        flux * (of.x.by_sigma[i] * of.y.share[j] + of.x.share[i] * of.y.by_sigma[j]), around,
+        share * flux * (inner * a_width + outer * LocalPsf::kOuterWidth * b_width), share * flux * (b - a),
+        share * halo_u, share * halo_v;
+  }
+};
+
+class PairFitter {
+ public:
+  PairFitter(const Patch& patch, const SensorModel& sensor, const LocalPsf& psf, const PairBelief& pair)
+      : patch_(patch), sensor_(sensor) {
+    const LocalPsf prior = patch.saturated() ? psf.of_body() : psf;
+    const double whole = 1.0 + prior.value[LocalPsf::halo_share];
+    believed_ << 0.0, 0.0, std::log(pair.first_flux_dn / whole), prior.value, std::log(pair.second_flux_dn / whole),
+        pair.offset_px;
+    belief_.setZero();
+    belief_.block<LocalPsf::count, LocalPsf::count>(ShapeFit::kShape, ShapeFit::kShape) =
+        prior.covariance.llt().solve(LocalPsf::Matrix::Identity());
+    belief_(ShapeFit::kFlux, ShapeFit::kFlux) = belief_(kOther, kOther) = 1.0 / (kFluxSigma * kFluxSigma);
+    const Mat2 offset = pair.offset_covariance_px2 + Mat2::Identity() * kLeastOffsetPx * kLeastOffsetPx;
+    belief_.bottomRightCorner<2, 2>() = offset.inverse();
+  }
+
+  PsfFit run(Pixel guess) {
+    PsfFit fit;
+    fit.saturated = patch_.saturated();
+    Vector p = believed_;
+    p.head<2>() = guess.vec();
+    believed_.head<2>() = p.head<2>();  // of no weight
+    place(p);
+    weigh(p);
+    double cost = linearize(p), damping = 1e-3;
+    bool converged = false;
+    for (int iteration = 0; iteration < kMaxIterations && !converged && damping < 1e8; ++iteration) {
+      Matrix damped = whole_;
+      damped.diagonal() *= 1.0 + damping;
+      const Eigen::LLT<Matrix> llt(damped);
+      if (llt.info() != Eigen::Success) return fit;
+      const Vector step = llt.solve(slope_);
+      const Vector trial = within_bounds(p + step);
+      if (!inside(trial) || !(misfit(trial) <= cost * (1.0 + 1e-12))) {
+        damping *= 10.0;
+        continue;
+      }
+      p = trial;
+      damping = std::max(0.1 * damping, 1e-9);
+      place(p);
+      weigh(p);
+      cost = linearize(p);
+      converged = step.head<2>().norm() < kConverged && step.tail<2>().norm() < kConverged;
+    }
+    if (converged) tell(p, cost, fit);
+    return fit;
+  }
+
+ private:
+  void place(const Vector& p) {
+    first_.compute(patch_.window, {p(0), p(1)}, shape_of(p));
+    second_.compute(patch_.window, {p(0) + p(kOffset), p(1) + p(kOffset + 1)}, shape_of(p));
+  }
+
+  template <typename Visit>
+  void for_each_pixel(const Vector& p, Visit visit) const {
+    const LocalPsf::Vector shape = shape_of(p);
+    const double flux = std::exp(p(ShapeFit::kFlux)), other = std::exp(p(kOther));
+    for (int j = 0; j < patch_.window.height(); ++j) {
+      for (int i = 0; i < patch_.window.width(); ++i) {
+        const auto k = static_cast<std::size_t>(j * kMaxFitWindow + i);
+        if (patch_.counts[k] == 0.0) continue;
+        const auto x = static_cast<std::size_t>(i), y = static_cast<std::size_t>(j);
+        visit(k, Light(first_, x, y, flux, shape), Light(second_, x, y, other, shape));
+      }
+    }
+  }
+
+  // As in ShapeFit; held while a step is judged.
+  void weigh(const Vector& p) {
+    const double shape2 = sensor_.psf_shape_relative * sensor_.psf_shape_relative +
+                          sensor_.photo_nonuniformity * sensor_.photo_nonuniformity;
+    const double halo_shape2 = sensor_.halo_shape_relative * sensor_.halo_shape_relative;
+    const double noise2 = patch_.noise_dn * patch_.noise_dn, shot = 1.0 / sensor_.gain_e_dn;
+    for_each_pixel(p, [&](std::size_t k, const Light& one, const Light& other) {
+      const double signal = one.signal + other.signal, halo = one.halo + other.halo;
+      weight_[k] = 1.0 / (noise2 + signal * (shot + shape2 * signal) + halo_shape2 * halo * halo);
+    });
+  }
+
+  double misfit(const Vector& p) {
+    place(p);
+    double chi2 = (believed_ - p).dot(belief_ * (believed_ - p));
+    for_each_pixel(p, [&](std::size_t k, const Light& one, const Light& other) {
+      const double residual = patch_.light[k] - one.signal - other.signal;
+      chi2 += weight_[k] * residual * residual;
+    });
+    return chi2;
+  }
+
+  double linearize(const Vector& p) {
+    information_.setZero();
+    slope_ = belief_ * (believed_ - p);
+    double chi2 = (believed_ - p).dot(slope_);
+    pixels_ = 0;
+    for_each_pixel(p, [&](std::size_t k, const Light& one, const Light& other) {
+      Vector by;
+      by << one.slopes, other.slopes(ShapeFit::kFlux), other.slopes.head<2>();
+      by.head<2>() += other.slopes.head<2>();
+      by.segment<LocalPsf::count>(ShapeFit::kShape) += other.slopes.tail<LocalPsf::count>();
+      const double residual = patch_.light[k] - one.signal - other.signal;
+      const Vector weighted = weight_[k] * by;
+      information_.noalias() += weighted * by.transpose();
+      slope_ += residual * weighted;
+      chi2 += weight_[k] * residual * residual;
+      ++pixels_;
+    });
+    whole_ = information_ + belief_;
+    return chi2;
+  }
+
+  Vector within_bounds(Vector p) const {
+    const auto clamp = [&](int shape, double least, double most) {
+      p(ShapeFit::kShape + shape) = std::clamp(p(ShapeFit::kShape + shape), least, most);
+    };
+    const double width = believed_(ShapeFit::kShape + LocalPsf::width);
+    const double halo = believed_(ShapeFit::kShape + LocalPsf::halo_width);
+    clamp(LocalPsf::width, 0.5 * width, 2.0 * width);
+    clamp(LocalPsf::halo_width, 0.5 * halo, 2.0 * halo);
+    clamp(LocalPsf::halo_share, 0.0, 1.0);
+    clamp(LocalPsf::outer_share, 0.0, 1.0);
+    return p;
+  }
+
+  bool inside(const Vector& p) const {
+    const Window& w = patch_.window;
+    return p.allFinite() && p(0) >= w.u0 && p(0) <= w.u1 && p(1) >= w.v0 && p(1) <= w.v1 && p(ShapeFit::kFlux) < 40.0 &&
+           p(kOther) < 40.0;
+  }
+
+  void tell(const Vector& p, double cost, PsfFit& fit) const {
+    const Eigen::LLT<Matrix> llt(whole_);
+    const Eigen::LLT<Mat3> known(Mat3(information_.topLeftCorner<ShapeFit::kShape, ShapeFit::kShape>()));
+    if (llt.info() != Eigen::Success || known.info() != Eigen::Success) return;
+    const Matrix covariance = llt.solve(Matrix::Identity());
+    fit.converged = true;
+    fit.pixel = {p(0), p(1)};
+    fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
+    fit.flux_dn = std::exp(p(ShapeFit::kFlux)) * (1.0 + p(ShapeFit::kShape + LocalPsf::halo_share));
+    fit.flux_sigma_dn = fit.flux_dn * std::sqrt(covariance(ShapeFit::kFlux, ShapeFit::kFlux));
+    fit.sigma_px = p(ShapeFit::kShape + LocalPsf::width);
+    fit.chi2_per_dof = cost / std::max(1, pixels_ - ShapeFit::kShape);
+    // What shape, offset and the other's light move the place by comes again in the next image.
+    const double by_noise = known.solve(Mat3::Identity()).topLeftCorner<2, 2>().trace();
+    fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2.trace() - by_noise)));
+    fit = inflated(fit);
+  }
+
+  const Patch& patch_;
+  const SensorModel& sensor_;
+  Vector believed_;
+  Matrix belief_;
+  PointProfiles first_, second_;
+  std::array<double, kMaxFitWindow * kMaxFitWindow> weight_;
+  Matrix information_, whole_;
+  Vector slope_;
+  int pixels_ = 0;
+};
+
+}  // namespace
+
+PsfFit fit_psf_beside(ImageView<const std::uint16_t> image, const Window& window, Pixel guess, const LocalLevel& level,
+                      const SensorModel& sensor, const LocalPsf& psf, const PairBelief& belief) {
+  ASTRONAV_CHECK(image.contains(window.u0, window.v0) && image.contains(window.u1, window.v1));
+  ASTRONAV_CHECK(window.width() <= kMaxFitWindow && window.height() <= kMaxFitWindow);
+  ASTRONAV_CHECK(belief.first_flux_dn > 0.0 && belief.second_flux_dn > 0.0);
+  Patch patch;
+  patch.load(image, window, level, sensor);
+  return PairFitter(patch, sensor, psf, belief).run(guess);
+}
+
+}  // namespace astronav::vision
