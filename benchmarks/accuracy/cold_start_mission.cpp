@@ -3,7 +3,7 @@
 // attitudes lost in space, the first two windows, the batch; beside the same missions that were told a prior. How many
 // started, how many were sure of something wrong, and from which cycle on both are the same. One JSON object a line.
 //
-//   cold_start_mission_accuracy [SEEDS] [FIRST_WINDOW_DAY] [LEVEL]     default 20, 1, sil
+//   cold_start_mission_accuracy [SEEDS] [FIRST_WINDOW_DAY] [LEVEL] [FIRST_SEED]     default 20, 1, sil, 1
 #include <cmath>
 #include <cstdlib>
 #include <string>
@@ -51,8 +51,9 @@ int main(int argc, char** argv) {
   const std::string day = argc > 2 ? argv[2] : "1";
   const std::string level = argc > 3 ? argv[3] : "sil";
   std::vector<Cycle> cold(kCycles), primed(kCycles);
-  int started = 0, wrong = 0, late = 0;
-  for (int seed = 1; seed <= seeds; ++seed) {
+  const int first = argc > 4 ? std::atoi(argv[4]) : 1;
+  int started = 0, wrong = 0, wrong_with_prior = 0, late = 0;
+  for (int seed = first; seed < first + seeds; ++seed) {
     for (const bool from_nothing : {true, false}) {
       auto draft = scenario::Draft::read("earth-mars-ballistic");
       if (!draft || !draft->set("conops.first_window_day=" + day) ||
@@ -71,13 +72,18 @@ int main(int argc, char** argv) {
         continue;
       }
       const double worst = add(*records, from_nothing ? cold : primed);
-      if (!from_nothing) continue;
+      if (!from_nothing) {
+        wrong_with_prior += worst > kConfidentlyWrong;
+        fmt::print("{{\"seed\":{},\"start\":\"prior\",\"worst_nees\":{:.1f}}}\n", seed, worst);
+        continue;
+      }
       const loop::StartSummary start = loop::summarize(*records).start;
       ++started;
       wrong += worst > kConfidentlyWrong;
       late += start.cycle > 1;
       fmt::print(
-          "{{\"seed\":{},\"cycle\":{},\"pictures\":{},\"planets\":{},\"survey_error_km\":{:.0f},\"survey_sigma_km\":"
+          "{{\"seed\":{},\"start\":\"survey\",\"cycle\":{},\"pictures\":{},\"planets\":{},\"survey_error_km\":{:.0f},"
+          "\"survey_sigma_km\":"
           "{:.0f},\"error_km\":{:.0f},\"sigma_km\":{:.0f},\"error_m_s\":{:.1f},\"sigma_m_s\":{:.1f},\"worst_nees\":"
           "{:.1f}}}\n",
           seed, start.cycle, start.pictures, start.planets.size(), start.survey_error_km, start.survey_sigma_km,
@@ -85,8 +91,9 @@ int main(int argc, char** argv) {
       std::fflush(stdout);
     }
   }
-  fmt::print("{{\"starts\":{},\"started\":{},\"after_the_first_cycle\":{},\"confidently_wrong\":{}}}\n", seeds, started,
-             late, wrong);
+  fmt::print(
+      "{{\"starts\":{},\"started\":{},\"after_the_first_cycle\":{},\"confidently_wrong\":{},\"with_a_prior\":{}}}\n",
+      seeds, started, late, wrong, wrong_with_prior);
   for (int c = 0; c < kCycles; ++c) {
     for (const bool from_nothing : {true, false}) {
       const Cycle& cycle = (from_nothing ? cold : primed)[static_cast<std::size_t>(c)];

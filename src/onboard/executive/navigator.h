@@ -72,9 +72,13 @@ class Navigator {
   Result<Vec3> aim(BodyId body, Epoch epoch);
 
   // One frame, its mid-exposure epoch, and the beacon that is being tracked. not-found attitude or planet is no error.
-  Result<Look> look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon);
+  // `commanded_R_CN`: how the camera was told to stand. What was found of the last image, turned by what was commanded
+  // since, is where the stars are looked for; without it, and after a pause, nothing is known of the attitude.
+  Result<Look> look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon,
+                    const std::optional<Mat3>& commanded_R_CN = {});
   // The same, but the filter does not use what is measured: for a start that is too rough to be updated.
-  Result<Look> watch(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon);
+  Result<Look> watch(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon,
+                     const std::optional<Mat3>& commanded_R_CN = {});
   // A measurement that somebody else made.
   navigation::UpdateResult use(const navigation::BeaconMeasurement& measurement);
 
@@ -87,12 +91,19 @@ class Navigator {
   Result<vision::PlanetPrediction> predict(BodyId beacon, Epoch epoch) const;
   void add_moon(vision::PlanetPrediction& prediction, Epoch emitted) const;
   double flux_dn(double v_mag, BodyId body) const;
+  std::optional<Mat3> expected_R_CN(Epoch epoch, const std::optional<Mat3>& commanded_R_CN) const;
 
   NavigatorSettings settings_;
   const Ephemeris* ephemeris_;
   vision::Vision* eyes_;
   navigation::Filter filter_;
   std::size_t thrust_ = 0, kick_ = 0;  // the next of each
+  // The last attitude that was found beside what was commanded then.
+  struct Stand {
+    Epoch epoch;
+    Mat3 R_found_commanded = Mat3::Identity();
+  };
+  std::optional<Stand> last_stand_;
 };
 
 }  // namespace astronav::executive

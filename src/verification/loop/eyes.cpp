@@ -100,8 +100,9 @@ Result<void> Eyes::survey(Event& event, Epoch clock, const State& truth_O, const
   return {};
 }
 
-Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, BodyId beacon,
-                              const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame,
+Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN,
+                              const std::optional<Mat3>& commanded, BodyId beacon, const StreamId& noise,
+                              executive::Navigator& navigator, Records& records, bool keep_frame,
                               executive::ColdStart* start) {
   auto before = std::chrono::steady_clock::now();
   if (const auto ok = expose(event.epoch, truth_O, R_CN, navigator.exposure_s(), noise); !ok) return ok;
@@ -109,8 +110,8 @@ Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, c
 
   const Epoch tagged = tag(clock, noise);
   before = std::chrono::steady_clock::now();
-  const auto look = start != nullptr ? navigator.watch(std::as_const(frame_).view(), tagged, beacon)
-                                     : navigator.look(std::as_const(frame_).view(), tagged, beacon);
+  const auto look = start != nullptr ? navigator.watch(std::as_const(frame_).view(), tagged, beacon, commanded)
+                                     : navigator.look(std::as_const(frame_).view(), tagged, beacon, commanded);
   if (!look) return forward(look);
   event.for_start = start != nullptr;
   if (start != nullptr && look->measured) start->add(look->measurement, navigator.filter().state().v_m_s);

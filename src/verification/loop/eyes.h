@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "foundation/base/error.h"
@@ -33,10 +34,12 @@ class Eyes {
   const vision::ExposureControl* exposure_control() const { return exposure_.get(); }
 
   // Takes the image of `event` (epoch and number are set), feeds it to the navigator and fills in what came of it.
-  // `clock`: what the onboard clock shows at mid-exposure. `start`: gets what is measured instead of the filter; or
+  // `clock`: what the onboard clock shows at mid-exposure. `commanded`: how the camera was told to stand,
+  // where the onboard software is told that. `start`: gets what is measured instead of the filter; or
   // nullptr.
-  Result<void> photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, BodyId beacon,
-                          const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame,
+  Result<void> photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN,
+                          const std::optional<Mat3>& commanded, BodyId beacon, const StreamId& noise,
+                          executive::Navigator& navigator, Records& records, bool keep_frame,
                           executive::ColdStart* start = nullptr);
   // A picture of a survey: no place is known, and no planet is predicted.
   Result<void> survey(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, double exposure_s,

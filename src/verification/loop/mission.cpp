@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include <fmt/format.h>
@@ -58,8 +59,9 @@ class Flight {
   Result<void> record_beacons(int cycle, const navigation::BeaconSelection& selection, BodyId first, BodyId second);
   void record_orbits(Epoch begin, Epoch end);
   bool worth_keeping(const Event& image) const;
-  // Truth of where the camera looks: where the onboard software wants it, with dither and jitter.
-  Mat3 true_attitude(const Vec3& aim_N, double roll_rad, int image) const;
+  // Where the onboard software wants the camera to look, dithered; and by how much it does not.
+  Mat3 commanded_attitude(const Vec3& aim_N, double roll_rad, int image) const;
+  Mat3 jitter(int image) const;
   double believed_mass_kg() const;
   executive::Maneuvers known_maneuvers();
   void progress(const executive::Timeline& timeline, int cycle, int window, int k, BodyId beacon) const;
@@ -77,7 +79,8 @@ class Flight {
   std::unique_ptr<Eyes> eyes_;
   std::unique_ptr<executive::Navigator> navigator_;
   std::unique_ptr<executive::Timeline> timeline_;
-  std::unique_ptr<Awakening> awakening_;  // until there is a state, where none was told
+  Mat3 commanded_R_CN_ = Mat3::Identity();  // for the next image
+  std::unique_ptr<Awakening> awakening_;    // until there is a state, where none was told
   Records records_;
 };
 
@@ -259,7 +262,8 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   const auto aim = navigator_->aim(beacon, onboard_clock(scenario_, mid_exposure));
   records_.stage_ms_sum.propagate += milliseconds_since(before);
   if (!aim) return forward(aim);
-  const Mat3 R_CN = true_attitude(*aim, roll_rad, records_.images);
+  commanded_R_CN_ = commanded_attitude(*aim, roll_rad, records_.images);
+  const Mat3 R_CN = jitter(records_.images) * commanded_R_CN_;
   Event image;
   image.kind = EventKind::image;
   image.epoch = mid_exposure;
@@ -331,8 +335,11 @@ Result<void> Flight::photograph(Event& image, const State& truth, const Mat3& R_
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(image.image),
                        .purpose = "frame"};
-  return eyes_->photograph(image, onboard_clock(scenario_, image.epoch), truth, R_CN, beacon, noise, *navigator_,
-                           records_, worth_keeping(image), awakening_ ? &awakening_->cold_start() : nullptr);
+  const std::optional<Mat3> commanded =
+      scenario_.onboard.vision.prior_attitude ? std::optional<Mat3>(commanded_R_CN_) : std::nullopt;
+  return eyes_->photograph(image, onboard_clock(scenario_, image.epoch), truth, R_CN, commanded, beacon, noise,
+                           *navigator_, records_, worth_keeping(image),
+                           awakening_ ? &awakening_->cold_start() : nullptr);
 }
 
 // Pictures for the report: from the middle of windows spread over the mission, first and second beacon in turn.
@@ -344,17 +351,24 @@ bool Flight::worth_keeping(const Event& image) const {
   return image.cycle >= cycle && image.window == kept % 2 && in_window == timeline_->images_per_window() / 2;
 }
 
-Mat3 Flight::true_attitude(const Vec3& aim_N, double roll_rad, int image) const {
+Mat3 Flight::commanded_attitude(const Vec3& aim_N, double roll_rad, int image) const {
   RandomStream stream({.seed = options_.seed,
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(image),
                        .purpose = "pointing"});
+  const double sigma = scenario_.conops.dither_px * believed_camera_.intrinsics.plate_scale_rad_px();
+  const Vec3 offset(stream.normal(0.0, sigma), stream.normal(0.0, sigma), 0.0);
   const RaDec at = radec_from_direction(aim_N);
-  const double sigma = std::hypot(scenario_.conops.dither_px * believed_camera_.intrinsics.plate_scale_rad_px(),
-                                  scenario_.truth.pointing.jitter_arcsec * kArcsecond);
-  const Vec3 offset(stream.normal(0.0, sigma), stream.normal(0.0, sigma),
-                    stream.normal(0.0, scenario_.truth.pointing.jitter_arcsec * kArcsecond));
   return rotation_exp(offset) * R_CN_from_pointing({at.ra_rad, at.dec_rad, roll_rad});
+}
+
+Mat3 Flight::jitter(int image) const {
+  RandomStream stream({.seed = options_.seed,
+                       .sample = options_.sample,
+                       .image = static_cast<std::uint64_t>(image),
+                       .purpose = "jitter"});
+  const double sigma = scenario_.truth.pointing.jitter_arcsec * kArcsecond;
+  return rotation_exp({stream.normal(0.0, sigma), stream.normal(0.0, sigma), stream.normal(0.0, sigma)});
 }
 
 Result<Event> Flight::event(EventKind kind, Epoch epoch, int cycle, int window, BodyId body) const {

@@ -122,6 +122,7 @@ const std::array kKeys{
 
     CHOICE(onboard.vision.exposure, "fixed chosen", "fixed: the camera's own exposure; chosen: by the onboard software for each window, up to the camera's own"),
     CHOICE(onboard.vision.centroid_method, "moment psf_fit", "how the centre of a spot is found"),
+    SWITCH(onboard.vision.prior_attitude, "within a window stars are looked for where the last image's attitude, turned as commanded since, puts them; false: each image is lost in space"),
     NUMBER(onboard.vision.threshold_sigma, "", 1.0, 1000.0, "detection threshold above the background, in sigmas of the background"),
     NUMBER(onboard.vision.star_max_v_mag, "mag", 2.0, 12.0, "faintest star (V) in the onboard catalogue"),
     NUMBER(onboard.vision.max_spots, "", 4.0, 10000.0, "most spots that are measured in a frame, brightest first"),

@@ -150,6 +150,7 @@ struct OnboardFilter {
 struct OnboardVision {
   std::string exposure = "fixed";           // "fixed" or "chosen"
   std::string centroid_method = "psf_fit";  // "moment" or "psf_fit"
+  bool prior_attitude = true;
   double threshold_sigma = 6.0;
   double star_max_v_mag = 7.0;
   int max_spots = 200;
