@@ -21,7 +21,14 @@ struct Flight {
   }();
 
   Filter filter() const {
-    FilterSettings settings;
+    FilterSettings settings;  // every state in use
+    settings.process.solar_pressure.sigma = 0.05;
+    const BodyId bodies[] = {body::mercury, body::venus,  body::earth,  body::mars,
+                             body::jupiter, body::saturn, body::uranus, body::moon};
+    for (std::size_t i = 0; i < settings.beacon_errors.size(); ++i) {
+      settings.beacon_errors[i] = {
+          .body = bodies[i], .ephemeris_m = 1e3, .photocentre_fraction = 0.07, .lasting_ephemeris_m = 1e5};
+    }
     settings.camera = Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree);
     Filter out(settings, ephemeris);
     Mat6 P = Mat6::Zero();

@@ -38,7 +38,7 @@ class Batch {
       : ephemeris_(ephemeris),
         sights_(sights),
         settings_(settings),
-        process_(settings.process, ephemeris, {}, {}, {}),
+        process_(settings.process, ephemeris),
         gate_(chi_square_quantile(settings.gate_probability, 2.0)) {}
 
   Result<void> check() const;
@@ -120,7 +120,7 @@ Result<void> Batch::carry(Flow& flow, Epoch to) {
     const auto length = process_.step_length(flow.epoch, flow.x);
     if (!length) return forward(length);
     const Duration h = std::min(*length, to - flow.epoch);
-    Process::Step step;
+    Transition step;
     if (const auto stepped = process_.step(flow.epoch, h, {}, flow.x, step); !stepped) return stepped;
     flow.phi = step.phi.topLeftCorner<kGlobal, kGlobal>() * flow.phi;
     flow.epoch = flow.epoch + h;

@@ -139,7 +139,7 @@ Tally try_many(int runs, int cycle_count, const Errors& truth, const BatchSettin
     const auto found = solve_batch(kernel(), sky.sights, *start, settings);
     EXPECT_TRUE(found) << describe(found.error());
     if (!found) continue;
-    Eigen::Matrix<double, 6, 1> error;
+    Vec6 error;
     error << found->state.p_m - sky.end.p_m, found->state.v_m_s - sky.end.v_m_s;
     t.nees += error.dot(found->covariance.inverse() * error);
     t.chi2 += found->chi2 / found->degrees_of_freedom;
@@ -206,7 +206,7 @@ TEST(Batch, WrongSightsTakeNoPart) {
   ASSERT_TRUE(found) << describe(found.error());
   EXPECT_GE(found->rejected, 5);
   EXPECT_LE(found->rejected, 6);
-  Eigen::Matrix<double, 6, 1> error;
+  Vec6 error;
   error << found->state.p_m - sky.end.p_m, found->state.v_m_s - sky.end.v_m_s;
   EXPECT_LT(error.dot(found->covariance.inverse() * error), chi_square_quantile(0.9999, 6.0));
 }

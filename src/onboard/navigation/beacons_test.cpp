@@ -187,7 +187,7 @@ TEST_F(Beacons, FilterMeritIsTheTraceAfterBothUpdates) {
   RandomStream random(StreamId{.seed = 9, .purpose = "covariance"});
   Mat6 root;
   for (int i = 0; i < 36; ++i) root(i / 6, i % 6) = random.normal();
-  Eigen::Matrix<double, 6, 1> scale;
+  Vec6 scale;
   scale << 1e6, 1e6, 1e6, 1.0, 1.0, 1.0;
   const Mat6 P = scale.asDiagonal() * (root * root.transpose() + 0.1 * Mat6::Identity()) * scale.asDiagonal();
   settings.mode = BeaconMode::filter_merit;

@@ -6,6 +6,8 @@
 
 #include <Eigen/Cholesky>
 
+#include "onboard/navigation/two_by_two.h"
+
 namespace astronav::navigation {
 namespace {
 
@@ -17,23 +19,25 @@ Mat2 noise_covariance(const BeaconMeasurement& measurement, const PixelPredictio
          cross.transpose();
 }
 
-double mean_radius_m(BodyId body) {
-  const Result<BodyConstants> constants = body_constants(body);
-  return constants ? constants->mean_radius_m : 0.0;
+AgeingLaws ageing_laws(const FilterSettings& settings) {
+  AgeingLaws laws;
+  const auto law = [&laws](int state) -> GaussMarkov& {
+    return laws[static_cast<std::size_t>(state - kDynamicStates)];
+  };
+  law(index::focal) = settings.focal;
+  law(index::k1) = settings.k1;
+  law(index::bias) = law(index::bias + 1) = settings.bias;
+  for (int i = 0; i < kBeaconBodies; ++i) {
+    const BeaconErrors& errors = settings.beacon_errors[static_cast<std::size_t>(i)];
+    law(index::photocentre + i) = {errors.photocentre_fraction, settings.photocentre_tau_s};
+    law(index::ephemeris + 2 * i) =
+        law(index::ephemeris + 2 * i + 1) = {errors.lasting_ephemeris_m, settings.ephemeris_tau_s};
+  }
+  return laws;
 }
 
-bool is_covariance(const Mat2& m) {
-  return m.allFinite() && m(0, 0) > 0.0 && m.determinant() > 0.0;
-}
-
-double smaller_eigenvalue(const Mat2& m) {
-  const double half_trace = 0.5 * m.trace();
-  return half_trace - std::sqrt(std::max(half_trace * half_trace - m.determinant(), 0.0));
-}
-
-double quadratic(const Vec2& v, const Mat2& m) {
-  return v.dot(m.inverse() * v);
-}
+// How often a coast is flown anew at most: each time what is left is less by the square.
+constexpr int kMostFlights = 3;
 
 }  // namespace
 
@@ -56,10 +60,7 @@ const char* name(UpdateReason reason) {
 }
 
 Process process_of(const FilterSettings& settings, const Ephemeris& ephemeris) {
-  Process::Photocentres photocentres;
-  for (std::size_t i = 0; i < photocentres.size(); ++i)
-    photocentres[i] = {settings.beacon_errors[i].photocentre_fraction, settings.photocentre_tau_s};
-  return Process(settings.process, ephemeris, settings.focal, settings.k1, settings.bias, photocentres);
+  return Process(settings.process, ephemeris, ageing_laws(settings));
 }
 
 Filter::Filter(const FilterSettings& settings, const Ephemeris& ephemeris)
@@ -89,12 +90,9 @@ Result<void> Filter::initialise(const InitialState& initial) {
     variance(index::thrust + i,
              i == 0 ? settings_.process.thrust_magnitude.sigma : settings_.process.thrust_pointing.sigma);
   }
-  variance(index::focal, settings_.focal.sigma);
-  variance(index::k1, settings_.k1.sigma);
-  variance(index::bias, settings_.bias.sigma);
-  variance(index::bias + 1, settings_.bias.sigma);
   variance(index::solar_pressure, settings_.process.solar_pressure.sigma);
-  for (int i = 0; i < kBeaconBodies; ++i) variance(index::photocentre + i, errors_of(i).photocentre_fraction);
+  const AgeingLaws laws = ageing_laws(settings_);
+  for (int i = 0; i < kAgeingStates; ++i) variance(kDynamicStates + i, laws[static_cast<std::size_t>(i)].sigma);
 
   const StateVector inverse = scales.cwiseInverse();
   const StateMatrix scaled = inverse.asDiagonal() * P * inverse.asDiagonal();
@@ -107,6 +105,7 @@ Result<void> Filter::initialise(const InitialState& initial) {
   last_body_ = BodyId{};
   last_image_.reset();
   last_accepted_.reset();
+  coast_.reset();
   accepted_in_window_ = 0;
   rejections_ = {};
   noise_scales_ = {};
@@ -116,37 +115,59 @@ Result<void> Filter::initialise(const InitialState& initial) {
 Result<void> Filter::propagate_to(Epoch epoch) {
   if (epoch < epoch_)
     return fail(ErrorCode::invalid_argument, "the filter does not go back by {0} s", {(epoch_ - epoch).seconds()});
-  Process::Step step;
-  while (epoch_ < epoch) {
-    const Result<Duration> h = process_.step_towards(epoch_, epoch, x_);
-    if (!h) return forward(h);
-    StateVector x = x_;
-    if (const Result<void> done = process_.step(epoch_, *h, thrust_, x, step); !done) return done;
-    x_ = x;
-    time_update(covariance_, step.phi, step.noise);
-    epoch_ = epoch_ + *h;
-  }
-  return {};
+  if (epoch == epoch_) return {};
+  if (!coast_) coast_ = Coast{epoch_, x_, covariance_, Dynamic::Identity()};
+  return fly_to(epoch, coast_->phi);
 }
 
-Result<Filter::Prediction> Filter::predict(const StateVector& x, const BeaconMeasurement& measurement,
-                                           const State& body, const Vec3& p_sun) const {
-  const State observer{x.segment<3>(index::position) * unit::length_m,
-                       x.segment<3>(index::velocity) * unit::velocity_m_s};
-  const int beacon = beacon_of(measurement.body);
-  const double light = beacon < 0 ? 1.0 : 1.0 + x[index::photocentre + beacon];
-  SightSettings settings = settings_.sight;
-  settings.centre_of_light_scale *= light;
-  const Sight sight = apparent_sight(observer, body, p_sun, mean_radius_m(measurement.body), settings);
-  const auto pixel = predict_pixel(sight, measurement.R_CN, settings_.camera, x.segment<4>(index::camera));
-  if (!pixel) return forward(pixel);
-  Prediction out{*pixel, MeasurementMatrix::Zero()};
-  out.by_state.middleCols<3>(index::position) = pixel->by_position * unit::length_m;
-  out.by_state.middleCols<3>(index::velocity) = pixel->by_velocity * unit::velocity_m_s;
-  out.by_state.middleCols<4>(index::camera) = pixel->by_camera;
-  if (beacon >= 0 && light != 0.0)
-    out.by_state.col(index::photocentre + beacon) = pixel->by_direction * sight.shift_N / light;
-  return out;
+// phi becomes that of the way so far.
+Result<void> Filter::fly_to(Epoch epoch, Dynamic& phi) {
+  const Epoch before = epoch_;
+  Result<void> result;
+  Transition transition;
+  while (result && epoch_ < epoch) {
+    const Result<Duration> h = process_.step_towards(epoch_, epoch, x_);
+    if (!h) {
+      result = forward(h);
+      break;
+    }
+    StateVector x = x_;
+    result = process_.step(epoch_, *h, thrust_, x, transition);
+    if (!result) break;
+    x_ = x;
+    time_update(covariance_, transition);
+    phi = (transition.phi * phi).eval();
+    epoch_ = epoch_ + *h;
+  }
+  age(epoch_ - before);
+  return result;
+}
+
+StateVector Filter::ageing_factors(Duration span) const {
+  StateVector factors = StateVector::Ones();
+  factors.tail<kAgeingStates>() = process_.ageing(span).factor;
+  return factors;
+}
+
+void Filter::age(Duration span) {
+  // A state of which less is left than this starts anew.
+  constexpr double kNothing = 1e-9;
+  const Process::Ageing ageing = process_.ageing(span);
+  StateVector factor = StateVector::Ones();
+  for (int i = 0; i < kAgeingStates; ++i) {
+    const int state = kDynamicStates + i;
+    if (ageing.factor[i] > kNothing) {
+      factor[state] = ageing.factor[i];
+    } else {
+      forget(covariance_, state);
+      x_[state] = 0.0;
+    }
+  }
+  scale(covariance_, factor);
+  x_ = x_.cwiseProduct(factor).eval();
+  for (int i = 0; i < kAgeingStates; ++i)
+    if (ageing.variance[i] > 0.0)
+      add_outer_product(covariance_, StateVector::Unit(kDynamicStates + i), ageing.variance[i]);
 }
 
 BeaconErrors Filter::errors_of(int beacon) const {
@@ -184,108 +205,97 @@ void Filter::start_window(const BeaconMeasurement& measurement, const PixelPredi
       settings_.bias.sigma * settings_.bias.sigma + measurement.repeating_sigma_px * measurement.repeating_sigma_px;
   const Mat2 covariance = repeating2 * Mat2::Identity() + by_body * by_body.transpose();
 
-  StateMatrix phi = StateMatrix::Identity();
-  phi.block<2, 2>(index::bias, index::bias).setZero();
-  ProcessNoise noise;
-  noise.n.setZero();
-  noise.q.setZero();
+  forget(covariance_, index::bias);
+  forget(covariance_, index::bias + 1);
   // covariance = L L', also where it is singular.
   const double l00 = std::sqrt(covariance(0, 0));
   const double l10 = l00 > 0.0 ? covariance(1, 0) / l00 : 0.0;
-  noise.n(index::bias, 0) = l00;
-  noise.n(index::bias + 1, 0) = l10;
-  noise.n(index::bias + 1, 1) = std::sqrt(std::max(covariance(1, 1) - l10 * l10, 0.0));
-  noise.q.head<2>().setOnes();
-  time_update(covariance_, phi, noise);
+  StateVector first = StateVector::Zero();
+  first.segment<2>(index::bias) = Vec2(l00, l10);
+  add_outer_product(covariance_, first, 1.0);
+  add_outer_product(covariance_, StateVector::Unit(index::bias + 1), std::max(covariance(1, 1) - l10 * l10, 0.0));
   x_.segment<2>(index::bias).setZero();
 }
 
-// The rejected innovations agree with each other to within their noise, so it is the state that is wrong. Which of its
-// errors would explain their mean?
-bool Filter::recover(const MeasurementMatrix& by_state) {
-  const double n = rejections_.count;
-  const Vec2 mean = rejections_.sum / n;
-  const double scatter2 = rejections_.sum2 / n - mean.squaredNorm();
-  if (scatter2 > 4.0 * rejections_.noise / n) return false;
-  if (accepted_in_window_ > 0) return undo(by_state, mean);
-  return allow_push(by_state, mean) || allow_displacement(by_state, mean);
-}
-
-// This window said something else before, and that was wrong: an outlier while the gate was wide. Of all changes that
-// explain the mean, b = P H' (H P H')^-1 mean is the least in the covariance's own measure; P + b b' holds it possible,
-// and leaves what it has nothing to do with as it was.
-bool Filter::undo(const MeasurementMatrix& by_state, const Vec2& mean) {
-  const MeasurementMatrix f = by_state * covariance_.u;
-  const Mat2 prior = f * covariance_.d.asDiagonal() * f.transpose();
-  if (!is_covariance(prior)) return false;
-  StateVector change = covariance_.u * covariance_.d.cwiseProduct(f.transpose() * (prior.inverse() * mean));
-  const double moved_m = change.segment<3>(index::position).norm() * unit::length_m;
-  change *= std::min(1.0, settings_.recovery_max_position_m / moved_m);
-  ProcessNoise noise;
-  noise.n.setZero();
-  noise.q.setZero();
-  noise.n.col(0) = change;
-  noise.q[0] = 1.0;
-  time_update(covariance_, StateMatrix::Identity(), noise);
-  return true;
-}
-
-// The state came wrong into the window: somebody pushed the spacecraft, at any time since the last sight that was
-// accepted. A push of variance s^2 an axis then has the covariance s^2 [T^2/3, T/2; T/2, 1] of position and velocity
-// now (gravity's gradient left out); s is such that the mean is an ordinary innovation, with room to spare.
-bool Filter::allow_push(const MeasurementMatrix& by_state, const Vec2& mean) {
-  constexpr double kRoom = 2.0;
-  constexpr double kLeastPause_s = 3600.0;
-  constexpr double kLargestPush_m_s = 1000.0;
-  if (!last_accepted_) return false;
-  const double pause_s = (epoch_ - *last_accepted_).seconds();
-  if (pause_s < kLeastPause_s) return false;
-  const double T = pause_s / unit::time_s;
-  const Mat23 by_position = by_state.middleCols<3>(index::position);
-  const Mat2 of_unit_push = T * T / 3.0 * by_position * by_position.transpose();
-  if (!is_covariance(of_unit_push)) return false;
-  const double push = kRoom * std::sqrt(0.5 * quadratic(mean, of_unit_push));
-  if (push * unit::velocity_m_s > kLargestPush_m_s) return false;
-  ProcessNoise noise;
-  noise.n.setZero();
-  noise.q.setZero();
-  noise.n.block<3, 3>(index::position, 0).diagonal().setConstant(push * T / std::sqrt(3.0));
-  noise.n.block<3, 3>(index::velocity, 0).diagonal().setConstant(push * 0.5 * std::sqrt(3.0));
-  noise.n.block<3, 3>(index::velocity, 3).diagonal().setConstant(push * 0.5);
-  noise.q.head<6>().setOnes();
-  time_update(covariance_, StateMatrix::Identity(), noise);
-  return true;
-}
-
-// Or it was wrong from the start, in no direction more than in another: position and velocity covariance grow until the
-// mean is an ordinary innovation.
-bool Filter::allow_displacement(const MeasurementMatrix& by_state, const Vec2& mean) {
-  const MeasurementMatrix f = by_state * covariance_.u;
-  const Mat2 prior = f * covariance_.d.asDiagonal() * f.transpose();
-  if (!is_covariance(prior)) return false;
-  const double sigma_m = std::sqrt(covariance_pv().topLeftCorner<3, 3>().trace());
-  const double growth = std::min(std::sqrt(0.5 * quadratic(mean, prior)), settings_.recovery_max_position_m / sigma_m);
-  if (!(growth > 1.0)) return false;
-  StateMatrix phi = StateMatrix::Identity();
-  phi.diagonal().head<6>().setConstant(growth);
-  ProcessNoise none;
-  none.n.setZero();
-  none.q.setZero();
-  time_update(covariance_, phi, none);
-  return true;
+void Filter::set_thrust(const Thrust& thrust) {
+  const bool same = thrust.force_n == thrust_.force_n &&
+                    (thrust.force_n == 0.0 || (thrust.specific_impulse_s == thrust_.specific_impulse_s &&
+                                               thrust.direction_N == thrust_.direction_N));
+  if (!same) coast_.reset();  // it is flown anew under one thrust
+  thrust_ = thrust;
 }
 
 Result<void> Filter::kick(const Vec3& delta_v_N_m_s, double sigma_m_s) {
   if (!delta_v_N_m_s.allFinite() || !(sigma_m_s >= 0.0) || !std::isfinite(sigma_m_s))
     return fail(ErrorCode::invalid_argument, "a push of {0} m/s with sigma {1} m/s", {delta_v_N_m_s.norm(), sigma_m_s});
+  coast_.reset();
   x_.segment<3>(index::velocity) += delta_v_N_m_s / unit::velocity_m_s;
-  ProcessNoise noise;
-  noise.n.setZero();
-  noise.q.setZero();
-  noise.n.block<3, 3>(index::velocity, 0).setIdentity();
-  noise.q.head<3>().setConstant(std::pow(sigma_m_s / unit::velocity_m_s, 2));
-  time_update(covariance_, StateMatrix::Identity(), noise);
+  for (int axis = 0; axis < 3; ++axis)
+    add_outer_product(covariance_, StateVector::Unit(index::velocity + axis),
+                      std::pow(sigma_m_s / unit::velocity_m_s, 2));
   return {};
+}
+
+// Iterated update of x_ (Jazwinski 1970, section 8.3), whose mean before was `prior`: linearised where x_ is, then
+// where the last result put it, until the pixel predicted there is what the linear model said to a fiftieth of the
+// noise. The covariance, which is left to the caller, gets the derivatives of the last place: those of the place before
+// are turned by as much as the sight has turned since, and the next image, seen the right way, would be held for news
+// of the distance.
+Result<Filter::Correction> Filter::correct(const StateVector& prior, const Prediction& at_x, const Beacon& beacon,
+                                           const BeaconMeasurement& measurement, const Mat2& R) {
+  const double tolerance = 0.02 * std::sqrt(smaller_eigenvalue(R));
+  Correction out{at_x, StateVector::Zero()};
+  for (;;) {
+    const MeasurementMatrix h = out.prediction.by_state;
+    const Vec2 predicted = out.prediction.pixel.pixel;
+    const Vec2 innovation = measurement.pixel.vec() - predicted - h * (prior - x_);
+    const MeasurementMatrix f = h * covariance_.u;
+    const Mat2 S = f * covariance_.d.asDiagonal() * f.transpose() + R;
+    const Vec2 weighted = S.inverse() * innovation;
+    const StateVector next = prior + covariance_.u * covariance_.d.cwiseProduct(f.transpose() * weighted);
+    const Vec2 linear = predicted + h * (next - x_);
+    x_ = next;
+    Result<Prediction> there = predict(x_, beacon, measurement);
+    if (!there) return forward(there);
+    out.prediction = *there;
+    out.pull = h.transpose() * weighted;
+    ++out.iterations;
+    if (out.iterations >= settings_.max_iterations || (there->pixel.pixel - linear).norm() <= tolerance) return out;
+  }
+}
+
+// A coast of length T that begins with a velocity wrong by v ends wrong by d = T v, and by GM d^2 T^2 / (4 r^4) beside
+// what a linear model says: the Sun's pull (its second derivative by place, twice integrated).
+bool Filter::bends(const StateVector& change) const {
+  constexpr double kTolerance_m = 100.0;
+  if (!coast_) return false;
+  const double T = (epoch_ - coast_->begin).seconds() / unit::time_s;
+  const double d2 = change.segment<3>(index::position).squaredNorm(), r2 = x_.segment<3>(index::position).squaredNorm();
+  return 0.25 * d2 * T * T / (r2 * r2) * unit::length_m > kTolerance_m;
+}
+
+// Flies the last coast once more, from where the pull of the sight at its end shows that it began: smoothed back to
+// its beginning, x_s = x_0 + P_0 Phi' pull. The state is then where that flight ends, the covariance the one along it;
+// returned is the mean that x_0 has there, f(x_s) + Phi (x_0 - x_s).
+Result<StateVector> Filter::fly_anew(const StateVector& pull) {
+  Coast& coast = *coast_;
+  const Epoch end = epoch_;
+  const StateVector ageing = ageing_factors(end - coast.begin);
+  const auto along = [&](const Dynamic& phi, const StateVector& x) {
+    StateVector out = ageing.cwiseProduct(x);
+    out.head<kDynamicStates>() = phi * x.head<kDynamicStates>();
+    return out;
+  };
+  StateVector at_begin = along(coast.phi.transpose(), pull);
+  at_begin.segment<2>(index::bias).setZero();  // of another window
+  const StateVector change =
+      coast.covariance.u * coast.covariance.d.cwiseProduct(coast.covariance.u.transpose() * at_begin);
+  epoch_ = coast.begin;
+  x_ = coast.x + change;
+  covariance_ = coast.covariance;
+  coast.phi.setIdentity();
+  if (const Result<void> flown = fly_to(end, coast.phi); !flown) return forward(flown);
+  return StateVector(x_ - along(coast.phi, change));
 }
 
 UpdateResult Filter::update(const BeaconMeasurement& measurement) {
@@ -300,16 +310,14 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
       !measurement.R_CN.allFinite())
     return rejected(UpdateReason::bad_measurement);
   if (measurement.mid_exposure < epoch_) return rejected(UpdateReason::before_filter);
-  const Result<State> body =
-      ephemeris_->state(measurement.body, body::solar_system_barycenter, measurement.mid_exposure);
-  const Result<State> sun = ephemeris_->state(body::sun, body::solar_system_barycenter, measurement.mid_exposure);
-  if (!body || !sun || !propagate_to(measurement.mid_exposure)) return rejected(UpdateReason::no_ephemeris);
+  const Result<Beacon> beacon = find(measurement.body, measurement.mid_exposure);
+  if (!beacon || !propagate_to(measurement.mid_exposure)) return rejected(UpdateReason::no_ephemeris);
 
   const bool same_window =
       last_image_ && last_body_ == measurement.body && epoch_ - *last_image_ <= settings_.window_gap;
   if (last_body_ != measurement.body) rejections_ = {};
   if (!same_window) x_.segment<2>(index::bias).setZero();
-  Result<Prediction> prediction = predict(x_, measurement, *body, sun->p_m);
+  Result<Prediction> prediction = predict(x_, *beacon, measurement);
   if (!prediction) return rejected(UpdateReason::out_of_view);
   if (!same_window) {
     start_window(measurement, prediction->pixel);
@@ -322,7 +330,6 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   const Mat2 unscaled_noise = noise_covariance(measurement, prediction->pixel);
   const Mat2 R = noise_scale(measurement.body) * unscaled_noise;
   if (!is_covariance(R)) return rejected(UpdateReason::bad_measurement);
-  MeasurementMatrix h = prediction->by_state;
   const Vec2 z = measurement.pixel.vec();
   const auto prior_covariance = [this](const MeasurementMatrix& by_x) -> Mat2 {
     const MeasurementMatrix f = by_x * covariance_.u;
@@ -333,6 +340,7 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   result.predicted = {predicted.x(), predicted.y()};
   result.innovation_px = z - predicted;
   result.noise_covariance_px2 = R;
+  MeasurementMatrix h = prediction->by_state;
   Mat2 prior = prior_covariance(h);
   result.innovation_covariance_px2 = prior + R;
   result.nis = quadratic(result.innovation_px, result.innovation_covariance_px2);
@@ -345,6 +353,7 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
     if (settings_.recovery_rejections <= 0 || rejections_.count < settings_.recovery_rejections)
       return rejected(UpdateReason::gated);
     result.recovered = recover(h);
+    coast_.reset();
     rejections_ = {};
     prior = prior_covariance(h);
     result.innovation_covariance_px2 = prior + R;
@@ -353,41 +362,37 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   }
   rejections_ = {};
 
-  // Iterated update (Jazwinski 1970, section 8.3): linearise anew where the last result put the state, until the pixel
-  // predicted there is what the linear model said to a fiftieth of the noise.
-  const StateVector before = x_;
-  const double tolerance = 0.02 * std::sqrt(smaller_eigenvalue(R));
-  MeasurementMatrix used = h;
-  for (result.iterations = 1;; ++result.iterations) {
-    used = h;
-    const Vec2 innovation = z - prediction->pixel.pixel - h * (before - x_);
-    const MeasurementMatrix f = h * covariance_.u;
-    const Mat2 S = f * covariance_.d.asDiagonal() * f.transpose() + R;
-    const StateVector weighted = covariance_.d.cwiseProduct(f.transpose() * (S.inverse() * innovation));
-    const StateVector next = before + covariance_.u * weighted;
-    const Vec2 linear = prediction->pixel.pixel + h * (next - x_);
-    x_ = next;
-    if (result.iterations >= settings_.max_iterations) break;
-    prediction = predict(x_, measurement, *body, sun->p_m);
-    if (!prediction) {
-      x_ = before;
-      return rejected(UpdateReason::out_of_view);
-    }
-    if ((prediction->pixel.pixel - linear).norm() <= tolerance) break;
-    h = prediction->by_state;
+  StateVector before = x_, flown = x_;
+  Result<Correction> correction = correct(before, *prediction, *beacon, measurement, R);
+  for (int flights = 0; correction && flights < kMostFlights && bends(x_ - flown); ++flights) {
+    const Result<StateVector> predicted_anew = fly_anew(correction->pull);
+    if (!predicted_anew) return rejected(UpdateReason::no_ephemeris);
+    before = *predicted_anew;
+    flown = x_;
+    prediction = predict(x_, *beacon, measurement);
+    if (!prediction) return rejected(UpdateReason::out_of_view);
+    start_window(measurement, prediction->pixel);
+    before.segment<2>(index::bias).setZero();
+    correction = correct(before, *prediction, *beacon, measurement, R);
   }
+  if (!correction) {
+    x_ = before;
+    return rejected(UpdateReason::out_of_view);
+  }
+  result.iterations = correction->iterations;
+  h = correction->prediction.by_state;
 
   // Two uncorrelated scalars of variance one.
   const Mat2 whitening = Mat2(R.llt().matrixL()).inverse();
-  const MeasurementMatrix whitened = whitening * used;
+  const MeasurementMatrix whitened = whitening * h;
   measurement_update(covariance_, whitened.row(0).transpose(), 1.0);
   measurement_update(covariance_, whitened.row(1).transpose(), 1.0);
 
   if (settings_.adaptive_noise) {
     // What the noise's normalised square is expected to be now that the measurement is in (Shumway & Stoffer 1982).
     if (NoiseScale* scale = scale_of(measurement.body)) {
-      const Vec2 residual = result.innovation_px - used * (x_ - before);
-      const Mat2 expected = residual * residual.transpose() + prior_covariance(used);
+      const Vec2 residual = z - correction->prediction.pixel.pixel;
+      const Mat2 expected = residual * residual.transpose() + prior_covariance(h);
       const double memory = 1.0 - 1.0 / settings_.adaptive_memory_count;
       scale->sum = memory * scale->sum + (unscaled_noise.inverse() * expected).trace();
       scale->count = memory * scale->count + 2.0;
@@ -395,31 +400,10 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   }
   ++accepted_in_window_;
   last_accepted_ = epoch_;
+  coast_.reset();
   result.accepted = true;
   result.reason = UpdateReason::accepted;
   return result;
-}
-
-Result<DirectionPrediction> Filter::predict_direction(BodyId body) const {
-  const Result<State> place = ephemeris_->state(body, body::solar_system_barycenter, epoch_);
-  if (!place) return forward(place);
-  const Result<State> sun = ephemeris_->state(body::sun, body::solar_system_barycenter, epoch_);
-  if (!sun) return forward(sun);
-  const int beacon = beacon_of(body);
-  SightSettings settings = settings_.sight;
-  if (beacon >= 0) settings.centre_of_light_scale *= 1.0 + x_[index::photocentre + beacon];
-  const Sight sight = apparent_sight(state(), *place, sun->p_m, mean_radius_m(body), settings);
-  Eigen::Matrix<double, 3, kStates> by_state = Eigen::Matrix<double, 3, kStates>::Zero();
-  by_state.middleCols<3>(index::position) = sight.by_position * unit::length_m;
-  by_state.middleCols<3>(index::velocity) = sight.by_velocity * unit::velocity_m_s;
-  if (beacon >= 0 && settings.centre_of_light_scale != 0.0)
-    by_state.col(index::photocentre + beacon) =
-        settings_.sight.centre_of_light_scale / settings.centre_of_light_scale * sight.shift_N;
-  const Mat3 by_body = errors_of(beacon).ephemeris_m * sight.by_position;
-  const Eigen::Matrix<double, 3, kStates> f = by_state * covariance_.u;
-  return DirectionPrediction{sight.direction_N,
-                             f * covariance_.d.asDiagonal() * f.transpose() + by_body * by_body.transpose(),
-                             sight.distance_m, sight.light_time_s};
 }
 
 State Filter::state() const {
@@ -441,7 +425,7 @@ StateMatrix Filter::covariance() const {
 
 Mat6 Filter::covariance_pv() const {
   const Eigen::Matrix<double, 6, kStates> rows = covariance_.u.topRows<6>();
-  const Eigen::Matrix<double, 6, 1> scales = state_scales().head<6>();
+  const Vec6 scales = state_scales().head<6>();
   return scales.asDiagonal() * (rows * covariance_.d.asDiagonal() * rows.transpose()) * scales.asDiagonal();
 }
 

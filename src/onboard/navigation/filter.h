@@ -31,6 +31,9 @@ struct BeaconErrors {
   BodyId body;
   double ephemeris_m = 0.0;           // per axis; the same while the body is tracked, new in the next window
   double photocentre_fraction = 0.0;  // of the centre-of-light shift; a state of its own, the same in all windows
+  // Along its orbit and across the orbit's plane, each; states of their own, the same in all windows. (Towards the Sun
+  // planets are known far better, and from afar it is not seen.) The Moon has the Earth's.
+  double lasting_ephemeris_m = 0.0;
 };
 
 struct FilterSettings {
@@ -45,6 +48,7 @@ struct FilterSettings {
   GaussMarkov bias{.sigma = 0.004, .tau_s = 12.0 * 3600.0};
   Duration window_gap = Duration::seconds(900.0);
   double photocentre_tau_s = 1000.0 * 86400.0;
+  double ephemeris_tau_s = 1000.0 * 86400.0;  // of the lasting error
 
   double gate_probability = 0.9999;  // measurement editing: chi-square of 2 degrees; 1 takes everything
   // After this many rejections in a row that agree with each other, the filter doubts itself: its covariance grows
@@ -123,7 +127,7 @@ class Filter {
   Result<void> kick(const Vec3& delta_v_N_m_s, double sigma_m_s);
 
   // Thrust from now on, until the next call; force 0 (the default) is the ballistic mode.
-  void set_thrust(const Thrust& thrust) { thrust_ = thrust; }
+  void set_thrust(const Thrust& thrust);
 
   Epoch epoch() const { return epoch_; }
   State state() const;  // barycentric, SI
@@ -146,13 +150,46 @@ class Filter {
     double sum2 = 0.0, noise = 0.0;  // traces, px2
   };
 
-  using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;  // of a pixel by the non-dimensional state
+  // A body as the ephemeris has it, and which of the states say how it is wrong (-1: none).
+  struct Beacon {
+    State state, sun;               // barycentric
+    Vec3 pull_m_s2 = Vec3::Zero();  // acceleration beside what the Sun pulls: the Moon's, by the Earth
+    double radius_m = 0.0;
+    Eigen::Matrix<double, 3, 2> along_and_across;  // of its orbit and the orbit's plane: the directions of xi_e
+    int light = -1, place = -1;
+  };
+  struct SightPrediction {
+    Sight sight;
+    Eigen::Matrix<double, 3, kStates> by_state;  // of the direction by the non-dimensional state
+  };
+  using Dynamic = Eigen::Matrix<double, kDynamicStates, kDynamicStates>;
+  using MeasurementMatrix = Eigen::Matrix<double, 2, kStates>;
   struct Prediction {
     PixelPrediction pixel;
     MeasurementMatrix by_state;
   };
-  Result<Prediction> predict(const StateVector& x, const BeaconMeasurement& measurement, const State& body,
-                             const Vec3& p_sun) const;
+  Result<Beacon> find(BodyId body, Epoch epoch) const;
+  SightPrediction predict(const StateVector& x, const Beacon& beacon) const;
+  Result<Prediction> predict(const StateVector& x, const Beacon& beacon, const BeaconMeasurement& measurement) const;
+  // A coast since the last accepted sight, to be flown anew from where that sight shows that it began.
+  struct Coast {
+    Epoch begin;
+    StateVector x;
+    FactorisedCovariance covariance;
+    Dynamic phi = Dynamic::Identity();
+  };
+  struct Correction {
+    Prediction prediction;  // at the updated state
+    StateVector pull;       // H' S^-1 innovation: what the measurement says to the prior, before its covariance
+    int iterations = 0;
+  };
+  Result<Correction> correct(const StateVector& prior, const Prediction& at_x, const Beacon& beacon,
+                             const BeaconMeasurement& measurement, const Mat2& R);
+  Result<void> fly_to(Epoch epoch, Dynamic& phi);
+  bool bends(const StateVector& change) const;
+  Result<StateVector> fly_anew(const StateVector& pull);
+  StateVector ageing_factors(Duration span) const;
+  void age(Duration span);
   void start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction);
   bool recover(const MeasurementMatrix& by_state);
   bool undo(const MeasurementMatrix& by_state, const Vec2& mean);
@@ -172,6 +209,7 @@ class Filter {
   FactorisedCovariance covariance_;      // non-dimensional
   BodyId last_body_;
   std::optional<Epoch> last_image_, last_accepted_;
+  std::optional<Coast> coast_;
   Rejections rejections_;
   int accepted_in_window_ = 0;
   std::array<NoiseScale, 8> noise_scales_{};

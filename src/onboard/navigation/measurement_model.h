@@ -30,9 +30,10 @@ struct Sight {
 };
 
 // `body` is the geometric barycentric state at the epoch of the observer (not retarded), p_sun_O_N the Sun's place
-// then. The body's acceleration is taken from the Sun's attraction. radius_m is used for the centre of light only.
+// then. The body's acceleration is what the Sun pulls, and what is given beside it. radius_m is used for the centre of
+// light only.
 Sight apparent_sight(const State& observer, const State& body, const Vec3& p_sun_O_N, double radius_m,
-                     const SightSettings& settings);
+                     const SightSettings& settings, const Vec3& other_acceleration_m_s2 = Vec3::Zero());
 
 struct PixelPrediction {
   Vec2 pixel;

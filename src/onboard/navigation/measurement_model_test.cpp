@@ -8,43 +8,58 @@ namespace {
 
 using namespace testing;
 
-struct Case {
-  BodyId body;
-  double limit_mas;  // docs/theory/navigation.md, table 1, rounded up
-};
+Vec3 pull_of_the_earth(BodyId body, Epoch epoch) {
+  if (body != body::moon) return Vec3::Zero();
+  const Vec3 d = barycentric(body::earth, epoch).p_m - barycentric(body, epoch).p_m;
+  return body_constants(body::earth).value().gm_m3_s2 / std::pow(d.norm(), 3) * d;
+}
 
+// The worst of 1,000 places 0.05 to 3 AU from the Sun or 1e4 to 1e7 km from the body, with up to 200 km/s in any
+// direction (Parker Solar Probe's fastest is 191). Table 1 of docs/theory/navigation.md.
 TEST(Sight, AgreesWithIteratedLightTimeAndExactAberrationToAMilliarcsecond) {
-  double largest_linear = 0.0;
-  State observer = cruise_start().state;
-  Epoch epoch = cruise_start().epoch;
-  std::map<int, double> largest;
-  for (int step = 0; step < 29; ++step) {
-    for (const Case& c : {Case{body::mercury, 1.0}, Case{body::venus, 1.0}, Case{body::earth, 1.0},
-                          Case{body::mars, 1.0}, Case{body::jupiter, 1.0}, Case{body::saturn, 1.0}}) {
-      const State body = barycentric(c.body, epoch);
+  const SightSettings point{.centre_of_light = false};
+  RandomStream random({.seed = 21, .purpose = "sights"});
+  double without_acceleration = 0.0, first_order = 0.0, without_the_earth = 0.0;
+  for (const BodyId id :
+       {body::mercury, body::venus, body::earth, body::moon, body::mars, body::jupiter, body::saturn, body::uranus}) {
+    double largest = 0.0;
+    for (int i = 0; i < 1000; ++i) {
+      const Epoch epoch = departure() + Duration::days(random.uniform(0.0, 8000.0));
+      const State body = barycentric(id, epoch);
       const Vec3 sun = barycentric(body::sun, epoch).p_m;
-      const Sight sight = apparent_sight(observer, body, sun, 0.0, {.centre_of_light = false});
-      const double error_mas =
-          angle_between(sight.direction_N, exact_direction(observer, c.body, epoch)) / kMilliarcsecond;
-      EXPECT_LT(error_mas, c.limit_mas) << body_name(c.body) << " on day " << 10 * step;
-      largest[c.body.value] = std::max(largest[c.body.value], error_mas);
-      const LightTime exact = light_time(kernel(), c.body, observer, epoch).value();
-      EXPECT_NEAR(sight.light_time_s, exact.light_time_s, 1e-4);
-      EXPECT_NEAR(sight.p_body_from_observer_N.norm(), exact.relative.p_m.norm(), 5e3);
+      const auto any_direction = [&random] {
+        return Vec3(random.normal(), random.normal(), random.normal()).normalized();
+      };
+      State observer;
+      observer.p_m = i % 2 == 0 ? Vec3(sun + random.uniform(0.05, 3.0) * kAstronomicalUnit * any_direction())
+                                : Vec3(body.p_m + std::pow(10.0, random.uniform(7.0, 10.0)) * any_direction());
+      observer.v_m_s = random.uniform(0.0, 2e5) * any_direction();
+      const LightTime exact = light_time(kernel(), id, observer, epoch).value();
+      const Vec3 at_rest = exact.relative.p_m.normalized();
+      const Vec3 truth = aberrate(at_rest, observer.v_m_s);
+      const Vec3 pull = pull_of_the_earth(id, epoch);
+      const Sight sight = apparent_sight(observer, body, sun, 0.0, point, pull);
+      largest = std::max(largest, angle_between(sight.direction_N, truth));
+      EXPECT_NEAR(sight.light_time_s, exact.light_time_s, 1e-3);
 
-      // Without the body's acceleration (sun infinitely far away) Mercury is worse: so the term does something.
-      const Sight linear = apparent_sight(observer, body, Vec3::Constant(1e20), 0.0, {.centre_of_light = false});
-      largest_linear =
-          std::max(largest_linear,
-                   angle_between(linear.direction_N, exact_direction(observer, c.body, epoch)) / kMilliarcsecond);
+      // Each term does something: the body's acceleration (the Sun infinitely far away), the aberration's second order,
+      // the Earth's pull on the Moon.
+      const Sight linear = apparent_sight(observer, body, Vec3::Constant(1e20), 0.0, point, pull);
+      without_acceleration = std::max(without_acceleration, angle_between(linear.direction_N, truth));
+      first_order = std::max(first_order, angle_between(aberrate_first_order(at_rest, observer.v_m_s), truth));
+      if (id == body::moon)
+        without_the_earth = std::max(without_the_earth,
+                                     angle_between(apparent_sight(observer, body, sun, 0.0, point).direction_N, truth));
     }
-    observer = fly(observer, epoch, Duration::days(10.0));
-    epoch = epoch + Duration::days(10.0);
+    EXPECT_LT(largest, 1.0 * kMilliarcsecond) << body_name(id);
+    RecordProperty(std::string(body_name(id)), std::to_string(largest / kMilliarcsecond));
   }
-  for (const auto& [id, mas] : largest)
-    ::testing::Test::RecordProperty(std::string(body_name(BodyId{id})), std::to_string(mas));
-  EXPECT_GT(largest_linear, 5.0);
-  EXPECT_LT(largest_linear, 30.0);
+  EXPECT_GT(without_acceleration, 5.0 * kMilliarcsecond);
+  EXPECT_GT(first_order, 10.0 * kMilliarcsecond);
+  EXPECT_GT(without_the_earth, 0.5 * kMilliarcsecond);
+  RecordProperty("without_acceleration", std::to_string(without_acceleration / kMilliarcsecond));
+  RecordProperty("first_order", std::to_string(first_order / kMilliarcsecond));
+  RecordProperty("without_the_earth", std::to_string(without_the_earth / kMilliarcsecond));
 }
 
 TEST(Sight, LeavingLightTimeOrAberrationOutCostsArcseconds) {

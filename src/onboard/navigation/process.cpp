@@ -10,15 +10,12 @@ namespace {
 constexpr double kSolarPressure = 4.56e-6;    // N/m2 at 1 AU
 constexpr double kStandardGravity = 9.80665;  // m/s2
 
-// Position and velocity, and their derivatives at the beginning of the step by position, velocity, mass, xi_a, xi_T
-// (in the order of the states) and by xi_s.
-constexpr int kBySolarPressure = index::camera;
-constexpr int kParameters = kBySolarPressure + 1;
-using Sensitivity = Eigen::Matrix<double, 6, kParameters>;
-using Sensitivity3 = Eigen::Matrix<double, 3, kParameters>;
+// Position and velocity, and their derivatives by the dynamic states at the beginning of the step.
+using Sensitivity = Eigen::Matrix<double, 6, kDynamicStates>;
+using Sensitivity3 = Eigen::Matrix<double, 3, kDynamicStates>;
 
 struct Flow {
-  Eigen::Matrix<double, 6, 1> x;
+  Vec6 x;
   Sensitivity s;
 };
 
@@ -37,89 +34,8 @@ Result<void> check_law(const GaussMarkov& law) {
 
 }  // namespace
 
-StateMatrix FactorisedCovariance::dense() const {
-  return u * d.asDiagonal() * u.transpose();
-}
-
-Result<FactorisedCovariance> factorise(const StateMatrix& P) {
-  FactorisedCovariance out;
-  StateMatrix rest = P;
-  for (int j = kStates - 1; j >= 0; --j) {
-    double d = rest(j, j);
-    if (!(d >= -1e-12 * P(j, j)) || !std::isfinite(d))
-      return fail(ErrorCode::invalid_argument, "covariance is not positive: pivot {1} at state {0}",
-                  {static_cast<double>(j), d});
-    // What is left of a variance after rounding is none.
-    if (d <= 1e-14 * P(j, j)) d = 0.0;
-    out.d[j] = d;
-    if (d == 0.0) continue;
-    out.u.col(j).head(j) = rest.col(j).head(j) / d;
-    for (int k = 0; k < j; ++k) rest.col(k).head(k + 1) -= out.u(k, j) * d * out.u.col(j).head(k + 1);
-  }
-  return out;
-}
-
-void time_update(FactorisedCovariance& P, const StateMatrix& phi, const ProcessNoise& noise) {
-  // A column here is a row of [Phi U, N]; those of weight zero are left out, and the rest filled up to whole registers.
-  constexpr int kLanes = 8;
-  constexpr int kMostColumns = (kStates + kNoiseColumns + kLanes - 1) / kLanes * kLanes;
-  Eigen::Matrix<double, kMostColumns, kStates> w;
-  Eigen::Matrix<double, kMostColumns, 1> weights, weighted;
-  const StateMatrix spread = phi * P.u;
-  int columns = 0;
-  for (int j = 0; j < kStates; ++j) {
-    if (!(P.d[j] > 0.0)) continue;
-    w.row(columns) = spread.col(j).transpose();
-    weights[columns++] = P.d[j];
-  }
-  for (int j = 0; j < kNoiseColumns; ++j) {
-    if (!(noise.q[j] > 0.0)) continue;
-    w.row(columns) = noise.n.col(j).transpose();
-    weights[columns++] = noise.q[j];
-  }
-  for (; columns % kLanes != 0; ++columns) {
-    w.row(columns).setZero();
-    weights[columns] = 0.0;
-  }
-
-  P.u.setIdentity();
-  for (int j = kStates - 1; j >= 0; --j) {
-    weighted.head(columns) = w.col(j).head(columns).cwiseProduct(weights.head(columns));
-    const double d = weighted.head(columns).dot(w.col(j).head(columns));
-    P.d[j] = d;
-    if (!(d > 0.0)) continue;
-    for (int i = 0; i < j; ++i) {
-      const double u = w.col(i).head(columns).dot(weighted.head(columns)) / d;
-      P.u(i, j) = u;
-      w.col(i).head(columns) -= u * w.col(j).head(columns);
-    }
-  }
-}
-
-void measurement_update(FactorisedCovariance& P, const StateVector& h, double r) {
-  const StateVector f = P.u.transpose() * h;
-  StateVector gain = StateVector::Zero();  // times the innovation's variance
-  double alpha = r;
-  for (int j = 0; j < kStates; ++j) {
-    const double b = P.d[j] * f[j];
-    if (b == 0.0) continue;
-    const double before = alpha;
-    alpha += f[j] * b;
-    P.d[j] *= before / alpha;
-    const double lambda = -f[j] / before;
-    for (int i = 0; i < j; ++i) {
-      const double u = P.u(i, j);
-      P.u(i, j) = u + lambda * gain[i];
-      gain[i] += b * u;
-    }
-    gain[j] = b;
-  }
-}
-
-Process::Process(const ProcessSettings& settings, const Ephemeris& ephemeris, const GaussMarkov& focal,
-                 const GaussMarkov& k1, const GaussMarkov& bias, const Photocentres& photocentres)
-    : settings_(settings), ephemeris_(&ephemeris), slow_{focal, k1, bias, bias, settings.solar_pressure} {
-  std::copy(photocentres.begin(), photocentres.end(), slow_.begin() + (index::photocentre - index::camera));
+Process::Process(const ProcessSettings& settings, const Ephemeris& ephemeris, const AgeingLaws& ageing)
+    : settings_(settings), ephemeris_(&ephemeris), ageing_(ageing) {
   for (const BodyId body : settings_.attractors) {
     if (body == BodyId{}) break;
     const Result<BodyConstants> constants = body_constants(body);
@@ -132,9 +48,10 @@ Process::Process(const ProcessSettings& settings, const Ephemeris& ephemeris, co
 Result<void> Process::check(Epoch epoch) const {
   if (sun_ < 0) return fail(ErrorCode::invalid_argument, "the list of attractors lacks the Sun");
   if (!constants_known_) return fail(ErrorCode::not_found, "an attractor's gravitational parameter is not known");
-  for (const GaussMarkov& law : {settings_.acceleration, settings_.thrust_magnitude, settings_.thrust_pointing})
+  for (const GaussMarkov& law :
+       {settings_.acceleration, settings_.thrust_magnitude, settings_.thrust_pointing, settings_.solar_pressure})
     if (const Result<void> sound = check_law(law); !sound) return sound;
-  for (const GaussMarkov& law : slow_)
+  for (const GaussMarkov& law : ageing_)
     if (const Result<void> sound = check_law(law); !sound) return sound;
   if (!(settings_.step_share > 0.0) || settings_.max_step <= Duration())
     return fail(ErrorCode::invalid_argument, "step share {0} and longest step {1} s must be positive",
@@ -181,7 +98,7 @@ Result<Duration> Process::step_towards(Epoch epoch, Epoch to, const StateVector&
   return Duration::nanoseconds((left + steps - 1) / steps);
 }
 
-Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateVector& x, Step& out) {
+Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateVector& x, Transition& out) {
   if (end_.valid && end_.epoch == epoch) std::swap(start_, end_);
   if (const Result<void> found = places(epoch, start_); !found) return found;
   if (const Result<void> found = places(epoch + Duration::nanoseconds(h.nanoseconds() / 2), middle_); !found)
@@ -247,7 +164,7 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
     s_a.col(index::mass) -= (pressure_acceleration + thrust_vector) / m;
     s_a.middleCols<3>(index::acceleration).diagonal().array() += decay_a;
     s_a.middleCols<3>(index::thrust) += thrust_acceleration * thrust_frame * decay_t.asDiagonal();
-    s_a.col(kBySolarPressure) += by_xi_s;
+    s_a.col(index::solar_pressure) += by_xi_s;
     rate.s.bottomRows<3>() = s_a;
     return rate;
   };
@@ -268,15 +185,17 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
 
   const double phi_a = std::exp(-rate_a * step);
   const Vec3 phi_t(std::exp(-rate_t[0] * step), std::exp(-rate_t[1] * step), std::exp(-rate_t[1] * step));
+  const double phi_s = std::exp(-rate_s * step);
   x.head<6>() = flow.x;
   x[index::mass] = mass - mass_flow * step;
   x.segment<3>(index::acceleration) *= phi_a;
   x.segment<3>(index::thrust).array() *= phi_t.array();
+  x[index::solar_pressure] *= phi_s;
   out.phi.setIdentity();
-  out.phi.topLeftCorner<6, index::camera>() = flow.s.leftCols<index::camera>();
-  out.phi.col(index::solar_pressure).head<6>() = flow.s.col(kBySolarPressure);
+  out.phi.topRows<6>() = flow.s;
   out.phi.diagonal().segment<3>(index::acceleration).setConstant(phi_a);
   out.phi.diagonal().segment<3>(index::thrust) = phi_t;
+  out.phi(index::solar_pressure, index::solar_pressure) = phi_s;
 
   // Process noise: white noise that drives xi at s before the end of the step has grown by then into xi, velocity and
   // position (gravity's gradient within one step is left out). Gauss-Legendre over the step gives columns of Q
@@ -284,17 +203,17 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
   constexpr double kNode = 0.38729833462074169;  // sqrt(3/20)
   constexpr double nodes[3] = {0.5 - kNode, 0.5, 0.5 + kNode};
   constexpr double shares[3] = {5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0};
-  out.noise.n.setZero();
-  out.noise.q.setZero();
+  out.n.setZero();
+  out.q.setZero();
   int column = 0;
   const auto drive = [&](int state, const Vec3& influence, double sigma, double rate) {
     for (int i = 0; i < 3; ++i, ++column) {
       const double s = nodes[i] * step;
       const double decay_less_one = std::expm1(-rate * s);
-      out.noise.n(state, column) = 1.0 + decay_less_one;
-      out.noise.n.col(column).segment<3>(index::velocity) = influence * (-decay_less_one / rate);
-      out.noise.n.col(column).segment<3>(index::position) = influence * ((rate * s + decay_less_one) / (rate * rate));
-      out.noise.q[column] = 2.0 * sigma * sigma * rate * step * shares[i];
+      out.n(state, column) = 1.0 + decay_less_one;
+      out.n.col(column).segment<3>(index::velocity) = influence * (-decay_less_one / rate);
+      out.n.col(column).segment<3>(index::position) = influence * ((rate * s + decay_less_one) / (rate * rate));
+      out.q[column] = 2.0 * sigma * sigma * rate * step * shares[i];
     }
   };
   const double sigma_a = settings_.acceleration.sigma / unit::acceleration_m_s2;
@@ -303,16 +222,23 @@ Result<void> Process::step(Epoch epoch, Duration h, const Thrust& thrust, StateV
   for (int axis = 0; axis < 3; ++axis)
     drive(index::thrust + axis, thrust_acceleration * thrust_frame.col(axis),
           axis == 0 ? settings_.thrust_magnitude.sigma : settings_.thrust_pointing.sigma, rate_t[axis == 0 ? 0 : 1]);
-  for (std::size_t i = 0; i < slow_.size(); ++i, ++column) {
-    const int state = index::camera + static_cast<int>(i);
-    const double exponent = -h.seconds() / slow_[i].tau_s;
-    const double phi = std::exp(exponent);
-    x[state] *= phi;
-    out.phi(state, state) = phi;
-    out.noise.n(state, column) = 1.0;
-    out.noise.q[column] = -slow_[i].sigma * slow_[i].sigma * std::expm1(2.0 * exponent);
-  }
+  // What noise of xi_s has grown into within one step is nothing beside what xi_s itself does.
+  out.n(index::solar_pressure, column) = 1.0;
+  out.q[column] = -settings_.solar_pressure.sigma * settings_.solar_pressure.sigma * std::expm1(-2.0 * rate_s * step);
   return {};
+}
+
+Process::Ageing Process::ageing(Duration span) const {
+  const StateVector scales = state_scales();
+  Ageing out;
+  for (int i = 0; i < kAgeingStates; ++i) {
+    const GaussMarkov& law = ageing_[static_cast<std::size_t>(i)];
+    const double exponent = law.sigma > 0.0 ? -span.seconds() / law.tau_s : 0.0;
+    const double sigma = law.sigma / scales[kDynamicStates + i];
+    out.factor[i] = std::exp(exponent);
+    out.variance[i] = -sigma * sigma * std::expm1(2.0 * exponent);
+  }
+  return out;
 }
 
 }  // namespace astronav::navigation

@@ -12,6 +12,7 @@
 #include "foundation/base/error.h"
 #include "foundation/time/epoch.h"
 #include "models/ephemeris/ephemeris.h"
+#include "onboard/navigation/factorised_covariance.h"
 #include "onboard/navigation/state.h"
 
 namespace astronav::navigation {
@@ -48,45 +49,30 @@ struct Thrust {
   Vec3 direction_N = Vec3::UnitX();
 };
 
-// P = U diag(d) U', U upper triangular with ones on the diagonal.
-struct FactorisedCovariance {
-  StateMatrix u = StateMatrix::Identity();
-  StateVector d = StateVector::Zero();
-  StateMatrix dense() const;
-};
-// invalid_argument where P is not positive semidefinite (to 1e-12 of its diagonal).
-Result<FactorisedCovariance> factorise(const StateMatrix& P);
-
-// Columns of process noise: Q = N diag(q) N'.
-inline constexpr int kNoiseColumns = 18 + kStates - index::camera;
-struct ProcessNoise {
-  Eigen::Matrix<double, kStates, kNoiseColumns, Eigen::RowMajor> n;
-  Eigen::Matrix<double, kNoiseColumns, 1> q;
-};
-// P <- Phi P Phi' + N diag(q) N' (Thornton 1976: modified weighted Gram-Schmidt).
-void time_update(FactorisedCovariance& P, const StateMatrix& phi, const ProcessNoise& noise);
-// One scalar measurement h' x with variance r > 0 (Bierman 1977 chapter V).
-void measurement_update(FactorisedCovariance& P, const StateVector& h, double r);
+// Laws of the states that the camera sees and the orbit does not feel: xi_c, xi_p, xi_e. Sigma 0: they stay as they
+// are.
+using AgeingLaws = std::array<GaussMarkov, kAgeingStates>;
 
 class Process {
  public:
-  using Photocentres = std::array<GaussMarkov, kBeaconBodies>;
-  Process(const ProcessSettings& settings, const Ephemeris& ephemeris, const GaussMarkov& focal, const GaussMarkov& k1,
-          const GaussMarkov& bias, const Photocentres& photocentres = {});
+  Process(const ProcessSettings& settings, const Ephemeris& ephemeris, const AgeingLaws& ageing = {});
 
   // not_found, out_of_range: what the settings ask for is not in the ephemeris or the table of constants.
   Result<void> check(Epoch epoch) const;
 
-  struct Step {
-    StateMatrix phi;  // d x(t + h) / d x(t)
-    ProcessNoise noise;
-  };
   // Step length that keeps RK4's error below 1 m in ten days.
   Result<Duration> step_length(Epoch epoch, const StateVector& x);
   // The first of equal steps to an epoch that lies ahead, so that none is a splinter.
   Result<Duration> step_towards(Epoch epoch, Epoch to, const StateVector& x);
-  // One RK4 step of x (non-dimensional) together with its transition matrix and process noise.
-  Result<void> step(Epoch epoch, Duration h, const Thrust& thrust, StateVector& x, Step& out);
+  // One RK4 step of the dynamic states (non-dimensional), with transition matrix and process noise.
+  Result<void> step(Epoch epoch, Duration h, const Thrust& thrust, StateVector& x, Transition& out);
+
+  // What time does to each of the other states: its factor and the variance that comes in, non-dimensional. One call
+  // for any number of steps.
+  struct Ageing {
+    Eigen::Matrix<double, kAgeingStates, 1> factor, variance;
+  };
+  Ageing ageing(Duration span) const;
 
  private:
   struct Places {
@@ -102,8 +88,7 @@ class Process {
   int sun_ = -1;
   bool constants_known_ = true;
   std::array<double, kMaxAttractors> gm_{};  // non-dimensional
-  // States that do nothing but decay: those of the camera, solar pressure, centres of light.
-  std::array<GaussMarkov, kStates - index::camera> slow_;
+  AgeingLaws ageing_;                        // SI
   Places start_, middle_, end_;
 };
 

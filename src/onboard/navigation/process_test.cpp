@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "onboard/navigation/process.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-
 #include "onboard/navigation/arc_for_tests.h"
 
 namespace astronav::navigation {
@@ -11,70 +8,10 @@ namespace {
 
 using namespace testing;
 
-StateMatrix random_covariance(RandomStream& random) {
-  StateMatrix a;
-  for (double& x : a.reshaped()) x = random.normal();
-  StateVector scale;
-  for (double& x : scale) x = std::pow(10.0, random.uniform(-5.0, 2.0));
-  return scale.asDiagonal() * (a * a.transpose()) * scale.asDiagonal();
-}
-
-// Largest difference, in units of the standard deviations of `truth`.
-double relative_difference(const StateMatrix& m, const StateMatrix& truth) {
-  const StateVector inverse = truth.diagonal().cwiseSqrt().cwiseInverse();
-  return (inverse.asDiagonal() * (m - truth) * inverse.asDiagonal()).cwiseAbs().maxCoeff();
-}
-
-TEST(FactorisedCovariance, IsTheMatrixItCameFrom) {
-  RandomStream random({.seed = 1, .purpose = "factorise"});
-  for (int i = 0; i < 20; ++i) {
-    const StateMatrix P = random_covariance(random);
-    EXPECT_LT(relative_difference(factorise(P)->dense(), P), 1e-12);
-  }
-  StateMatrix indefinite = StateMatrix::Identity();
-  indefinite(0, 1) = indefinite(1, 0) = 1.5;
-  EXPECT_FALSE(factorise(indefinite));
-  StateMatrix singular = StateMatrix::Identity();
-  singular(5, 5) = 0.0;  // a state that is known exactly
-  EXPECT_EQ(factorise(singular)->dense(), singular);
-}
-
-TEST(FactorisedCovariance, TimeUpdateIsPhiPPhiPlusQ) {
-  RandomStream random({.seed = 2, .purpose = "time update"});
-  for (int i = 0; i < 20; ++i) {
-    const StateMatrix P = random_covariance(random);
-    StateMatrix phi;
-    for (double& x : phi.reshaped()) x = random.normal();
-    ProcessNoise noise;
-    for (double& x : noise.n.reshaped()) x = random.normal();
-    for (double& x : noise.q) x = random.uniform();
-    FactorisedCovariance factors = factorise(P).value();
-    time_update(factors, phi, noise);
-    EXPECT_LT(relative_difference(factors.dense(),
-                                  phi * P * phi.transpose() + noise.n * noise.q.asDiagonal() * noise.n.transpose()),
-              1e-10);
-  }
-}
-
-TEST(FactorisedCovariance, MeasurementUpdateIsJosephs) {
-  RandomStream random({.seed = 3, .purpose = "measurement update"});
-  for (int i = 0; i < 20; ++i) {
-    const StateMatrix P = random_covariance(random);
-    StateVector h;
-    for (double& x : h) x = random.normal();
-    const double r = random.uniform(0.1, 10.0);
-    FactorisedCovariance factors = factorise(P).value();
-    measurement_update(factors, h, r);
-    const StateVector k = P * h / (h.dot(P * h) + r);
-    const StateMatrix rest = StateMatrix::Identity() - k * h.transpose();
-    EXPECT_LT(relative_difference(factors.dense(), rest * P * rest.transpose() + r * k * k.transpose()), 1e-8);
-  }
-}
-
 class Flight : public ::testing::Test {
  protected:
+  using Dynamic = Eigen::Matrix<double, kDynamicStates, kDynamicStates>;
   ProcessSettings settings;
-  GaussMarkov camera{.sigma = 1e-3, .tau_s = 1e5};
 
   static StateVector scaled(const State& s, double mass) {
     StateVector x = StateVector::Zero();
@@ -87,21 +24,18 @@ class Flight : public ::testing::Test {
     return {x.head<3>() * unit::length_m, x.segment<3>(3) * unit::velocity_m_s};
   }
 
-  StateVector propagate(StateVector x, Epoch from, Duration span, const Thrust& thrust = {}, StateMatrix* phi = nullptr,
-                        StateMatrix* q = nullptr, int* steps = nullptr) const {
-    Process process(settings, kernel(), camera, camera, camera);
+  StateVector propagate(StateVector x, Epoch from, Duration span, const Thrust& thrust = {}, Dynamic* phi = nullptr,
+                        Dynamic* q = nullptr, int* steps = nullptr) const {
+    Process process(settings, kernel());
     const Epoch end = from + span;
-    Process::Step step;
+    Transition step;
     if (phi) phi->setIdentity();
     if (q) q->setZero();
     while (from < end) {
       const Duration h = std::min(process.step_length(from, x).value(), end - from);
       EXPECT_TRUE(process.step(from, h, thrust, x, step));
       if (phi) *phi = (step.phi * *phi).eval();
-      if (q)
-        *q =
-            (step.phi * *q * step.phi.transpose() + step.noise.n * step.noise.q.asDiagonal() * step.noise.n.transpose())
-                .eval();
+      if (q) *q = (step.phi * *q * step.phi.transpose() + step.n * step.q.asDiagonal() * step.n.transpose()).eval();
       if (steps) ++*steps;
       from = from + h;
     }
@@ -146,18 +80,17 @@ TEST_F(Flight, TransitionMatrixAgreesWithCentralDifferences) {
   for (const bool on : {false, true}) {
     const Thrust now = on ? thrust : Thrust{};
     const Duration span = Duration::days(3.0);
-    StateMatrix phi;
+    Dynamic phi;
     propagate(x, s.epoch, span, now, &phi);
-    StateVector steps;
-    steps << Vec3::Constant(1e-6), Vec3::Constant(1e-6), 1e-2, Vec3::Constant(1e-4), Vec3::Constant(1e-3),
-        Eigen::Matrix<double, kStates - index::camera, 1>::Constant(1e-3);
-    for (int j = 0; j < kStates; ++j) {
+    Eigen::Matrix<double, kDynamicStates, 1> steps;
+    steps << Vec3::Constant(1e-6), Vec3::Constant(1e-6), 1e-2, Vec3::Constant(1e-4), Vec3::Constant(1e-3), 1e-3;
+    for (int j = 0; j < kDynamicStates; ++j) {
       StateVector up = x, down = x;
       up[j] += steps[j];
       down[j] -= steps[j];
       const StateVector numeric =
           (propagate(up, s.epoch, span, now) - propagate(down, s.epoch, span, now)) / (2.0 * steps[j]);
-      for (int i = 0; i < kStates; ++i) {
+      for (int i = 0; i < kDynamicStates; ++i) {
         // Six digits of the largest entry in the same triple of rows.
         const double scale = phi.col(j).segment(i - (i < 6 ? i % 3 : 0), i < 6 ? 3 : 1).cwiseAbs().maxCoeff();
         EXPECT_NEAR(phi(i, j), numeric[i], 1e-5 * scale + 1e-8) << i << ' ' << j << " thrust " << on;
@@ -187,7 +120,7 @@ TEST_F(Flight, ThrustAndItsErrorsAreFlownAsAnotherIntegratorFliesThem) {
 TEST_F(Flight, ProcessNoiseIsThatOfTheContinuousLaw) {
   const Start& s = cruise_start();
   const double days = 10.0, T = days * 86400.0, tau = settings.acceleration.tau_s, sigma = settings.acceleration.sigma;
-  StateMatrix q;
+  Dynamic q;
   propagate(scaled(s.state, 25.0), s.epoch, Duration::days(days), {}, nullptr, &q);
   const double e = std::exp(-T / tau);
   // Variance of velocity by noise alone (initial xi zero): Gelb 1974, problem 3-8, and numerically below.
@@ -205,20 +138,34 @@ TEST_F(Flight, ProcessNoiseIsThatOfTheContinuousLaw) {
     EXPECT_NEAR(std::sqrt(q(3 + axis, 3 + axis)) * unit::velocity_m_s / std::sqrt(velocity2), 1.0, 0.02);
     EXPECT_NEAR(std::sqrt(q(axis, axis)) * unit::length_m / std::sqrt(position2), 1.0, 0.02);
   }
-  EXPECT_NEAR(q(index::bias, index::bias), camera.sigma * camera.sigma * (1.0 - std::exp(-2.0 * T / camera.tau_s)),
-              1e-12);
+}
+
+TEST(Process, StatesOfTheCameraAgeByTheirLaws) {
+  AgeingLaws laws;
+  laws[index::bias - kDynamicStates] = {.sigma = 1e-3, .tau_s = 1e5};
+  laws[index::ephemeris - kDynamicStates] = {.sigma = 1e5, .tau_s = 1e8};
+  const Process process({}, kernel(), laws);
+  const double T = 864000.0;
+  const Process::Ageing ageing = process.ageing(Duration::seconds(T));
+  const int bias = index::bias - kDynamicStates, place = index::ephemeris - kDynamicStates;
+  EXPECT_NEAR(ageing.factor[bias], std::exp(-T / 1e5), 1e-15);
+  EXPECT_NEAR(ageing.variance[bias], 1e-6 * (1.0 - std::exp(-2.0 * T / 1e5)), 1e-18);
+  EXPECT_NEAR(std::sqrt(ageing.variance[place]) * unit::length_m, 1e5 * std::sqrt(1.0 - std::exp(-2.0 * T / 1e8)),
+              1e-3);
+  EXPECT_EQ(ageing.factor[bias + 1], 1.0);
+  EXPECT_EQ(ageing.variance[bias + 1], 0.0);
 }
 
 TEST(Process, SaysWhatIsWrongWithItsSettings) {
-  const GaussMarkov fine{.sigma = 1.0, .tau_s = 1.0};
   ProcessSettings settings;
-  EXPECT_TRUE(Process(settings, kernel(), fine, fine, fine).check(departure()));
-  EXPECT_EQ(Process(settings, kernel(), fine, fine, fine).check(Epoch::parse("2199-01-01 TDB").value()).error().code,
+  EXPECT_TRUE(Process(settings, kernel()).check(departure()));
+  EXPECT_EQ(Process(settings, kernel()).check(Epoch::parse("2199-01-01 TDB").value()).error().code,
             ErrorCode::out_of_range);
-  EXPECT_EQ(Process(settings, kernel(), {.sigma = 1.0, .tau_s = 0.0}, fine, fine).check(departure()).error().code,
-            ErrorCode::invalid_argument);
+  AgeingLaws laws;
+  laws[0] = {.sigma = 1.0, .tau_s = 0.0};
+  EXPECT_EQ(Process(settings, kernel(), laws).check(departure()).error().code, ErrorCode::invalid_argument);
   settings.attractors[0] = body::venus_barycenter;
-  EXPECT_EQ(Process(settings, kernel(), fine, fine, fine).check(departure()).error().code, ErrorCode::invalid_argument);
+  EXPECT_EQ(Process(settings, kernel()).check(departure()).error().code, ErrorCode::invalid_argument);
 }
 
 }  // namespace

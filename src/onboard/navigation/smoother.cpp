@@ -103,10 +103,11 @@ Result<void> RecordedFilter::propagate_to(Epoch epoch) {
   ASTRONAV_CHECK(!records_.empty());
   if (epoch <= filter_.epoch()) return filter_.propagate_to(epoch);
   const StateVector units = state_scales();
-  StateMatrix phi = StateMatrix::Identity();
-  StateMatrix q = StateMatrix::Zero();
+  using Dynamic = Eigen::Matrix<double, kDynamicStates, kDynamicStates>;
+  Dynamic phi = Dynamic::Identity();
+  Dynamic q = Dynamic::Zero();
   Result<void> result;
-  Process::Step step;
+  Transition step;
   while (result && filter_.epoch() < epoch) {
     StateVector x = filter_.state_vector().cwiseQuotient(units);
     const Result<Duration> h = process_.step_towards(filter_.epoch(), epoch, x);
@@ -118,15 +119,21 @@ Result<void> RecordedFilter::propagate_to(Epoch epoch) {
     if (result) result = filter_.propagate_to(filter_.epoch() + *h);
     if (!result) break;
     phi = (step.phi * phi).eval();
-    q = (step.phi * q * step.phi.transpose() + step.noise.n * step.noise.q.asDiagonal() * step.noise.n.transpose())
-            .eval();
+    q = (step.phi * q * step.phi.transpose() + step.n * step.q.asDiagonal() * step.n.transpose()).eval();
   }
   const FilterRecord arrived = now();
   if (arrived.epoch > records_.back().epoch) {
     FilterRecord& last = records_.back();
+    const Process::Ageing ageing = process_.ageing(arrived.epoch - last.epoch);
     last.predicted = arrived.x;
-    last.phi = scaled(phi, units.cwiseInverse(), units.cwiseInverse());
-    last.q = units.asDiagonal() * q * units.asDiagonal();
+    last.phi.setZero();
+    last.phi.topLeftCorner<kDynamicStates, kDynamicStates>() = phi;
+    last.phi.diagonal().tail<kAgeingStates>() = ageing.factor;
+    last.phi = scaled(last.phi, units.cwiseInverse(), units.cwiseInverse());
+    last.q.setZero();
+    last.q.topLeftCorner<kDynamicStates, kDynamicStates>() = q;
+    last.q.diagonal().tail<kAgeingStates>() = ageing.variance;
+    last.q = scaled(last.q, units.cwiseInverse());
     records_.push_back(arrived);
   }
   return result;

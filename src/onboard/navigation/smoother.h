@@ -6,7 +6,7 @@
 //   const auto past = smooth(flight.records());          // one for each record, in order of time
 //
 // Rauch, Tung & Striebel (1965) backwards over what the filter believed, its gain by a pseudo-inverse and its
-// covariance as a sum of squares. For the ground: a record takes 16 kB, and it allocates. docs/theory/navigation.md
+// covariance as a sum of squares. For the ground: a record takes 45 kB, and it allocates. docs/theory/navigation.md
 // section 6.
 #pragma once
 

@@ -24,10 +24,10 @@ double largest_growth(const StateMatrix& smoothed, const StateMatrix& filtered) 
 }
 
 double squared_error(const SmoothedState& smoothed, const State& truth) {
-  Eigen::Matrix<double, 6, 1> e;
+  Vec6 e;
   e << smoothed.state().p_m - truth.p_m, smoothed.state().v_m_s - truth.v_m_s;
   Mat6 P = smoothed.covariance_pv();
-  const Eigen::Matrix<double, 6, 1> scale = P.diagonal().cwiseSqrt().cwiseInverse();
+  const Vec6 scale = P.diagonal().cwiseSqrt().cwiseInverse();
   e = scale.cwiseProduct(e);
   P = (scale.asDiagonal() * P * scale.asDiagonal()).eval();
   return e.dot(P.llt().solve(e));

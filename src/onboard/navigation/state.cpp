@@ -8,6 +8,7 @@ StateVector state_scales() {
   scales.segment<3>(index::position).setConstant(unit::length_m);
   scales.segment<3>(index::velocity).setConstant(unit::velocity_m_s);
   scales.segment<3>(index::acceleration).setConstant(unit::acceleration_m_s2);
+  scales.segment<2 * kBeaconBodies>(index::ephemeris).setConstant(unit::length_m);
   return scales;
 }
 

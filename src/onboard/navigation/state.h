@@ -8,11 +8,14 @@
 //                  stands for that of CR A
 //   7..9   xi_a    unmodelled acceleration, N, m/s2
 //   10..12 xi_T    thrust: relative error of magnitude; pointing angles towards e1 and e2 of the thrust frame, rad
-//   13..16 xi_c    camera: relative error of the focal length; error of k1; line-of-sight bias (u, v), px
-//   17     xi_s    solar pressure: relative error of CR A/m, where the mass is something of its own (thrust)
+//   13     xi_s    solar pressure: relative error of CR A/m, where the mass is something of its own (thrust)
+// These move the spacecraft; the others are only seen by the camera, and age each by itself.
+//   14..17 xi_c    camera: relative error of the focal length; error of k1; line-of-sight bias (u, v), px
 //   18..25 xi_p    centre of light, one for each planet of FilterSettings::beacon_errors: relative error of its shift
-//                  from the centre. The same in every window: what is put into R or a window's bias instead averages
-//                  out in the covariance and not in the truth
+//                  from the centre
+//   26..41 xi_e    place, two for each of them: along its orbit and across the orbit's plane, m (ephemeris.h)
+// xi_p and xi_e are the same in every window: what is put into R or a window's bias instead averages out in the
+// covariance and not in the truth.
 //
 // Why these four of the camera: with the attitude taken from the stars of the same frame, an error of cx, cy cancels to
 // first order. What stays is scale and radial distortion, and whatever is constant while one beacon is tracked (star
@@ -26,16 +29,17 @@
 namespace astronav::navigation {
 
 inline constexpr int kBeaconBodies = 8;
-inline constexpr int kStates = 18 + kBeaconBodies;
+inline constexpr int kDynamicStates = 14;
+inline constexpr int kAgeingStates = 4 + 3 * kBeaconBodies;
+inline constexpr int kStates = kDynamicStates + kAgeingStates;
 namespace index {
-inline constexpr int position = 0, velocity = 3, mass = 6, acceleration = 7, thrust = 10, camera = 13;
-inline constexpr int focal = 13, k1 = 14, bias = 15;
-inline constexpr int solar_pressure = 17, photocentre = 18;
+inline constexpr int position = 0, velocity = 3, mass = 6, acceleration = 7, thrust = 10, solar_pressure = 13;
+inline constexpr int camera = 14, focal = 14, k1 = 15, bias = 16;
+inline constexpr int photocentre = camera + 4, ephemeris = photocentre + kBeaconBodies;
 }  // namespace index
 
 using StateVector = Eigen::Matrix<double, kStates, 1>;
 using StateMatrix = Eigen::Matrix<double, kStates, kStates>;
-using Mat6 = Eigen::Matrix<double, 6, 6>;
 
 // First-order Gauss-Markov: xi' = -xi/tau + w, steady-state standard deviation sigma.
 struct GaussMarkov {

@@ -50,10 +50,15 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
   settings.camera = camera.intrinsics;
   settings.sight.centre_of_light = belief.photocentre;
   settings.gate_probability = belief.gate_probability;
+  const scenario::OnboardEphemeris& places = s.onboard.ephemeris;
+  const double lasting_km[] = {places.mercury_km, places.venus_km,  places.earth_km,  places.mars_km,
+                               places.jupiter_km, places.saturn_km, places.uranus_km, 0.0};  // the Moon: the Earth's
+  settings.ephemeris_tau_s = places.tau_days * 86400.0;
   for (std::size_t i = 0; i < settings.beacon_errors.size(); ++i) {
     static constexpr BodyId planets[] = {body::mercury, body::venus,  body::earth,  body::mars,
                                          body::jupiter, body::saturn, body::uranus, body::moon};
-    settings.beacon_errors[i] = {planets[i], belief.ephemeris_sigma_km * 1e3, belief.photocentre_sigma};
+    settings.beacon_errors[i] = {planets[i], belief.ephemeris_sigma_km * 1e3, belief.photocentre_sigma,
+                                 lasting_km[i] * 1e3};
   }
   if (level == Level::mil) {
     settings.focal.sigma = settings.k1.sigma = settings.bias.sigma = 0.0;

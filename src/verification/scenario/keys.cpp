@@ -120,6 +120,15 @@ const std::array kKeys{
     NUMBER(onboard.filter.photocentre_sigma, "", 0.0, 1.0, "error of that law which the filter allows for and estimates, one scale a planet, relative, 1 sigma; 0: the law is known"),
     TEXT(onboard.filter.bodies, "whose gravity the filter models beside the Sun's"),
 
+    NUMBER(onboard.ephemeris.mercury_km, "km", 0.0, 1e6, "lasting error of its place that the filter allows for and estimates, along the orbit and across its plane, 1 sigma each; 0: known"),
+    NUMBER(onboard.ephemeris.venus_km, "km", 0.0, 1e6, "likewise"),
+    NUMBER(onboard.ephemeris.earth_km, "km", 0.0, 1e6, "likewise; also the Moon"),
+    NUMBER(onboard.ephemeris.mars_km, "km", 0.0, 1e6, "likewise"),
+    NUMBER(onboard.ephemeris.jupiter_km, "km", 0.0, 1e6, "likewise"),
+    NUMBER(onboard.ephemeris.saturn_km, "km", 0.0, 1e6, "likewise"),
+    NUMBER(onboard.ephemeris.uranus_km, "km", 0.0, 1e6, "likewise"),
+    NUMBER(onboard.ephemeris.tau_days, "d", 1.0, 1e6, "correlation time of these errors"),
+
     CHOICE(onboard.vision.exposure, "fixed chosen", "fixed: the camera's own exposure; chosen: by the onboard software for each window, up to the camera's own"),
     CHOICE(onboard.vision.centroid_method, "moment psf_fit", "how the centre of a spot is found"),
     SWITCH(onboard.vision.prior_attitude, "within a window stars are looked for where the last image's attitude, turned as commanded since, puts them; false: each image is lost in space"),

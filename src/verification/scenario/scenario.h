@@ -147,6 +147,20 @@ struct OnboardFilter {
                                      "jupiter", "saturn", "uranus", "neptune"};
 };
 
+// By how much planets may stand elsewhere than the onboard ephemeris says, along the orbit and across its plane, each.
+// Root mean square of DE405 less DE430 (2020 to 2029) or less DE440 (2023 to 2025), along or across, whichever is
+// largest: docs/theory/navigation.md section 2.
+struct OnboardEphemeris {
+  double mercury_km = 1.3;
+  double venus_km = 0.8;
+  double earth_km = 0.9;
+  double mars_km = 1.2;
+  double jupiter_km = 190.0;
+  double saturn_km = 180.0;
+  double uranus_km = 2600.0;
+  double tau_days = 1000.0;
+};
+
 struct OnboardVision {
   std::string exposure = "fixed";           // "fixed" or "chosen"
   std::string centroid_method = "psf_fit";  // "moment" or "psf_fit"
@@ -185,6 +199,7 @@ struct Scenario {
     OnboardVision vision;
   } onboard;
   Mil mil;
+    OnboardEphemeris ephemeris;
   Sky sky;
 };
 

@@ -38,6 +38,7 @@ const char* section_title(std::string_view section) {
       {"onboard.beacons", "which planets are tracked"},
       {"onboard.camera", "the camera as the onboard software believes it to be"},
       {"onboard.filter", "the navigation filter"},
+      {"onboard.ephemeris", "how wrong the planets' places may be"},
       {"onboard.vision", "the image processing"},
       {"mil", "sights without images (`--level mil`)"},
       {"sky", "what is drawn"},
