@@ -34,7 +34,7 @@ inline constexpr int kImages = 36;
 // At the end of a cycle's second window.
 struct Reading {
   Vec6 error = Vec6::Zero();
-  navigation::Mat6 covariance = navigation::Mat6::Identity();
+  Mat6 covariance = Mat6::Identity();
   double nees() const { return error.dot(covariance.inverse() * error); }
 };
 struct Outcome {
@@ -142,7 +142,7 @@ class Flight {
   }
 
   State state(Epoch epoch) const { return arc_.at(epoch).value(); }
-  Reading read(const State& believed, const navigation::Mat6& covariance, Epoch epoch) const {
+  Reading read(const State& believed, const Mat6& covariance, Epoch epoch) const {
     Reading r;
     const State truth = state(epoch);
     r.error << believed.p_m - truth.p_m, believed.v_m_s - truth.v_m_s;

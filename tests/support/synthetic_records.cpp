@@ -152,7 +152,7 @@ loop::Records synthetic_records(const SyntheticOptions& options) {
     e.truth = on_orbit(spacecraft, t);
     e.estimate = {e.truth.p_m + filter.error.segment<3>(0), e.truth.v_m_s + filter.error.segment<3>(3)};
     e.covariance = filter.P.topLeftCorner<6, 6>();
-    const loop::Vec6 error = filter.error.head<6>();
+    const Vec6 error = filter.error.head<6>();
     e.nees = error.dot(e.covariance.ldlt().solve(error));
     records.events.push_back(e);
     return records.events.back();

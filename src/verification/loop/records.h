@@ -15,9 +15,6 @@
 
 namespace astronav::loop {
 
-using Vec6 = Eigen::Matrix<double, 6, 1>;
-using Mat6 = Eigen::Matrix<double, 6, 6>;
-
 enum class EventKind : unsigned char {
   survey_image,  // of a start from nothing: an attitude and spots, but no estimate
   image,         // an image was taken (and, where a planet was found, the filter was updated)
