@@ -175,7 +175,7 @@ double ColdStart::photocentre_sigma_rad(BodyId body, Epoch epoch, double* epheme
   const auto& errors = settings_.filter.beacon_errors;
   const auto known = std::find_if(errors.begin(), errors.end(), [&](const auto& e) { return e.body == body; });
   if (known == errors.end()) return 0.0;
-  *ephemeris_sigma_m = known->ephemeris_m;
+  *ephemeris_sigma_m = std::hypot(known->ephemeris_m, known->lasting_ephemeris_m);
   const auto constants = body_constants(body);
   const auto id = ephemeris_->resolve(body);
   if (!(known->photocentre_fraction > 0.0) || !constants || !id) return 0.0;
