@@ -68,6 +68,24 @@ bool bloomed(const Region& region) {
   return region.saturated_box.height() > region.saturated_box.width() + 2;
 }
 
+// Of the centre of light of a region's box and a margin.
+template <typename T>
+Mat2 centre_covariance(ImageView<const T> image, const Region& region, const Moments& m, const LocalLevel& level,
+                       const SensorModel& sensor) {
+  // What the faint rim that is left out, and a pixel's form, may move the centre by.
+  constexpr double kRimPx = 0.005;
+  const Window w = grown(region.box, 1, image.width(), image.height());
+  Mat2 sum = Mat2::Zero();
+  for (int v = w.v0; v <= w.v1; ++v) {
+    for (int u = w.u0; u <= w.u1; ++u) {
+      const Vec2 from = Vec2(u, v) - m.centre;
+      const double light = static_cast<double>(image(u, v)) - level.under(u, v);
+      sum += sensor.pixel_variance_dn2(light, level.noise_dn) * from * from.transpose();
+    }
+  }
+  return sum / (m.flux * m.flux) + Mat2::Identity() * kRimPx * kRimPx;
+}
+
 Pixel middle_of(const Window& box) {
   return {0.5 * (box.u0 + box.u1), 0.5 * (box.v0 + box.v1)};
 }
@@ -76,7 +94,11 @@ Pixel middle_of(const Window& box) {
 
 CentroidFinder::CentroidFinder(const CentroidSettings& settings, const SensorModel& sensor, int max_width,
                                int max_height)
-    : settings_(settings), sensor_(sensor), psf_(sensor, max_width, max_height), background_(max_width) {
+    : settings_(settings),
+      sensor_(sensor),
+      psf_(sensor, max_width, max_height),
+      before_lessons_(psf_),
+      background_(max_width) {
   ASTRONAV_CHECK(max_width > 2 && max_height > 2 && max_width < 32768 && max_height < 32768);
   ASTRONAV_CHECK(sensor.psf_sigma_px > 0.0 && sensor.gain_e_dn > 0.0);
   s_curve_rms_px_ = s_curve_rms(sensor.psf_sigma_px);
@@ -210,6 +232,7 @@ bool CentroidFinder::alone(const Window& window, const Region& region) const {
 }
 
 void CentroidFinder::learn() {
+  if (lesson_count_ > 0) before_lessons_ = psf_;
   for (std::size_t i = 0; i < lesson_count_; ++i)
     psf_.learn(lessons_[i].pixel, lessons_[i].evidence, lessons_[i].resolved);
   lessons_learnt_ += lesson_count_;
@@ -334,7 +357,9 @@ void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
     Centroid other;
     other.pixel = candidate.moments.flux > 0.0 ? Pixel{candidate.moments.centre.x(), candidate.moments.centre.y()}
                                                : middle_of(region.box);
-    other.covariance_px2 = Mat2::Identity();
+    if (kind == SpotKind::extended && candidate.moments.flux > 0.0)
+      other.covariance_px2 =
+          centre_covariance(image, region, candidate.moments, background_.at(middle_of(region.box)), sensor_);
     other.flux_dn = region.sum;
     other.peak_dn = region.peak;
     other.pixels = region.pixels;
@@ -417,6 +442,7 @@ std::size_t CentroidFinder::find_in(ImageView<const T> image, const FrameLevel& 
 bool CentroidFinder::choose_within(ImageView<const std::uint16_t> image, const Attention& attention,
                                    const FrameLevel& level, std::size_t wanted) {
   attention_ = &attention;
+  lesson_count_ = 0;
   grow_regions(image, level);
   for (const Region& region : regions_.all()) {
     if (region.cut && (region.saturated || region.box.height() >= kLongCut)) return false;
@@ -442,6 +468,11 @@ std::optional<std::size_t> CentroidFinder::find_within(ImageView<const std::uint
 }
 
 void CentroidFinder::look_again() {
+  if (lesson_count_ > 0) {
+    psf_ = before_lessons_;
+    lessons_learnt_ -= lesson_count_;
+    lesson_count_ = 0;
+  }
   std::swap(sharp_[0], sharp_[1]);
   std::swap(sharp_count_[0], sharp_count_[1]);
 }

@@ -55,7 +55,8 @@ class CentroidFinder {
                                     std::span<Centroid> out, FrameLevel& level);
   std::optional<std::size_t> find_within(ImageView<const std::uint16_t> image, const Attention& attention,
                                          const FrameLevel& level, std::span<Centroid> out);
-  // The next frame is the last one once more: what was remembered of the one before stays.
+  // The next frame is the last one once more: what was remembered of the one before stays, what was learned of this one
+  // is not learned twice.
   void look_again();
 
   // Where the level is known to the caller (threshold included).
@@ -130,7 +131,7 @@ class CentroidFinder {
   SensorModel sensor_;
   double s_curve_rms_px_ = 0.0;
   bool moving_ = false;
-  PsfBelief psf_;
+  PsfBelief psf_, before_lessons_;  // before those of the last frame
   Background background_;
   Regions regions_;
   const Attention* attention_ = nullptr;  // of this frame; nullptr: everywhere

@@ -133,11 +133,38 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     planets_[i] = PlanetMatch{};
     planets_[i].body = predictions[i].body;
   }
-  if (known) name_planets(frame, observer.epoch, predictions);
+  if (known) {
+    admit_discs(predictions);
+    name_planets(frame, observer.epoch, predictions);
+  }
   result_.planets = std::span<const PlanetMatch>(planets_.data(), predictions.size());
   const double done = now_ms();
   result_.time_ms = {centroided_ms_ - begin, identified - centroided_ms_, done - identified, done - begin};
   return result_;
+}
+
+// A disc that does not saturate is no point, and was set apart. Where a body of its size is foretold it is a spot
+// again, at its centre of light: that is what the prediction is of.
+void Vision::admit_discs(std::span<const PlanetPrediction> predictions) {
+  constexpr double kLeastRadiusPx = 0.8;           // smaller ones are fitted as points
+  constexpr double kLeastLit = 0.1, kMostLit = 2;  // of the disc's area, its blurred rim included
+  std::size_t count = result_.centroids.size();
+  for (const PlanetPrediction& prediction : predictions) {
+    const double radius_px = prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px;
+    const Result<PredictedPixel> place = predict_pixel(prediction, result_.attitude);
+    if (radius_px < kLeastRadiusPx || !place) continue;
+    const double blurred_px = radius_px + 3.0 * psf_sigma_px_, area_px = kPi * blurred_px * blurred_px;
+    for (const Centroid& other : finder_.others()) {
+      if (other.kind != SpotKind::extended || other.saturated || count == centroids_.size()) continue;
+      const Vec2 off = other.pixel.vec() - place->pixel.vec();
+      const Mat2 covariance = place->covariance_px2 + other.covariance_px2;
+      if (off.dot(covariance.inverse() * off) > settings_.planets.gate_d2) continue;
+      if (other.pixels < kLeastLit * area_px || other.pixels > kMostLit * area_px) continue;
+      is_star_[count] = 0;
+      centroids_[count++] = other;
+    }
+  }
+  result_.centroids = std::span<const Centroid>(centroids_.data(), count);
 }
 
 void Vision::name_planets(ImageView<const std::uint16_t> frame, Epoch epoch,

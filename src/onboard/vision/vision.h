@@ -39,7 +39,7 @@ struct StageTimes {  // ms
 
 struct FrameResult {
   FrameLevel level;
-  std::span<const Centroid> centroids;  // brightest first; then bodies in the wings of another
+  std::span<const Centroid> centroids;  // brightest first; then discs, and bodies in the wings of others
   bool whole = true;                    // false: only the surroundings of what was expected were looked at
   AttitudeSource source = AttitudeSource::none;
   AttitudeSolution attitude;  // valid where source != none
@@ -73,6 +73,7 @@ class Vision {
   // What a disc, fitted as a point, adds to the error that repeats.
   double repeating_of_disc(const PlanetPrediction& prediction) const;
   bool stayed(const PlanetMatch& match, Epoch epoch);
+  void admit_discs(std::span<const PlanetPrediction> predictions);
   void name_planets(ImageView<const std::uint16_t> frame, Epoch epoch, std::span<const PlanetPrediction> predictions);
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
   // A body foretold so near to another that their light mixes.

@@ -309,6 +309,56 @@ TEST(Vision, NamesTheEarthAndTheMoonInOneSpot) {
   EXPECT_LT(chi2 / found, chi_square_mean_band(0.999, 2, found / 2).hi);
 }
 
+// A disc of 3 to 30 px, half of it lit, far from saturation: at its centre of light.
+TEST(Vision, FindsADiscWhereItIsPredicted) {
+  const Truth truth;
+  const Intrinsics camera = camera20();
+  Vision vision({}, camera, testing::believed(truth), sky().field, sky().index);
+  RandomStream random(StreamId{.seed = 13, .purpose = "discs"});
+  constexpr double kSigma = 2e-4;
+  constexpr int kRays = 24;
+  double chi2 = 0.0;
+  constexpr int kFrames = 10;
+  for (int k = 0; k < kFrames; ++k) {
+    Scene scene{moving(), random_attitude(random)};
+    const double radius_px = 1.5 + 1.5 * k, angle = random.uniform(0.0, 2.0 * kPi);
+    const Vec2 sunward(std::cos(angle), std::sin(angle));
+    const Vec2 middle(random.uniform(80, 940), random.uniform(80, 940));
+    // Lit from one side and somewhat from the front; 20,000 electrons in a pixel at most.
+    std::vector<Source> disc;
+    Vec2 light = Vec2::Zero();
+    double sum = 0.0;
+    for (int j = -kRays; j <= kRays; ++j) {
+      for (int i = -kRays; i <= kRays; ++i) {
+        const Vec2 at = Vec2(i, j) / kRays;
+        if (at.squaredNorm() >= 1.0) continue;
+        const double lit = 0.8 * at.dot(sunward) + 0.6 * std::sqrt(1.0 - at.squaredNorm());
+        if (lit <= 0.0) continue;
+        const Vec2 pixel = middle + radius_px * at;
+        const double electrons = 2e4 * lit * radius_px * radius_px / (kRays * kRays);
+        disc.push_back({{pixel.x(), pixel.y()}, electrons});
+        light += electrons * pixel;
+        sum += electrons;
+      }
+    }
+    light /= sum;
+    paint(scene, truth, camera, random, disc);
+    const Vec3 direction = scene.R_CN.transpose() * *unproject(camera, {light.x(), light.y()});
+    const Vec3 off(random.normal(), random.normal(), random.normal());
+    PlanetPrediction mars =
+        prediction_of(body::mars, (direction + kSigma * off).normalized(), kSigma, sum * 1.1, truth);
+    mars.angular_radius_rad = radius_px / camera.fx_px;
+    scene.observer.epoch = scene.observer.epoch + Duration::days(k);
+    const FrameResult& result = vision.process(scene.image, scene.observer, {}, {&mars, 1});
+    ASSERT_TRUE(result.planets[0].found) << radius_px << " px";
+    const Centroid& spot = result.centroids[result.planets[0].centroid];
+    const Vec2 error = spot.pixel.vec() - light;
+    EXPECT_LT(error.norm(), 0.05) << radius_px << " px";
+    chi2 += error.dot(spot.covariance_px2.inverse() * error);
+  }
+  EXPECT_LT(chi2 / kFrames, chi_square_mean_band(0.999, 2, kFrames).hi);
+}
+
 TEST(Vision, NamesNoPlanetWhereThereIsNone) {
   const Truth truth;
   const Intrinsics camera = camera20();
