@@ -148,8 +148,13 @@ Result<Look> Navigator::watch(ImageView<const std::uint16_t> frame, Epoch mid_ex
   const vision::Centroid& spot = seen.centroids[seen.planets[0].centroid];
   look.measurement.body = beacon;
   look.measurement.mid_exposure = mid_exposure;
-  look.measurement.pixel = spot.pixel;
-  look.measurement.pixel_covariance_px2 = spot.covariance_px2;
+  // The filter knows the camera as it was told; stars and planet were seen through the camera as it is believed now.
+  const auto pixel = vision::as_told(seen.attitude, settings_.filter.camera, spot.pixel);
+  if (!pixel) return forward(pixel);
+  const auto share = vision::camera_share(seen.attitude, seen.attitude.R_CN * prediction->direction_N);
+  look.measurement.pixel = *pixel;
+  look.measurement.pixel_covariance_px2 = spot.covariance_px2 + share.covariance_px2;
+  look.measurement.pixel_attitude_covariance = share.with_attitude;
   look.measurement.repeating_sigma_px = spot.repeating_sigma_px;
   look.measurement.R_CN = seen.attitude.R_CN;
   look.measurement.attitude_covariance_rad2 = seen.attitude.covariance_rad2;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "onboard/vision/attitude.h"
 #include "onboard/vision/psf_fit.h"
 #include "onboard/vision/psf_profile.h"
 
@@ -116,6 +117,7 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
   out.exposure_s = exposure_s;
   out.planet = forecast_spot(sensor_, psf.of_body(), planet_dn_s * exposure_s, noise_dn);
 
+  const double lens2 = std::pow(AttitudeOptions{}.extra_sigma_px, 2);  // catalogue and lens
   double information = 0.0;
   for (std::size_t k = 0; k < count.size(); ++k) {
     if (count[k] == 0) continue;
@@ -125,7 +127,7 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
     if (star.peak_dn < settings_.threshold_sigma * noise_dn) break;
     if (!star.measured) continue;
     out.stars += count[k];
-    information += count[k] / (star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px);
+    information += count[k] / (star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px + lens2);
   }
   out.attitude_px = information > 0.0 ? 1.0 / std::sqrt(information) : 1e3;
   const double once = out.planet.sigma_px * out.planet.sigma_px + out.attitude_px * out.attitude_px;

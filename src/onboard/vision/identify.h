@@ -78,6 +78,8 @@ class Identifier {
   // The same with the spots of a part of the frame: stars count there alone. After gather() of the same frame.
   Result<Identification> track_within(std::span<const Centroid> spots, const Attention& attention,
                                       const Mat3& prior_R_CN, double radius_px, std::span<MatchedStar> matches);
+  // The camera as it is believed from now on; of the same size in pixels.
+  void set_camera(const Intrinsics& camera) { believed_ = camera; }
   // The field's stars about a prior attitude, so many that `most` of them are in the frame where there are as many.
   void gather(const Observer& observer, const Mat3& prior_R_CN, std::size_t most);
   // Where an attitude puts the brightest of them that are in the frame; returns how many were written.

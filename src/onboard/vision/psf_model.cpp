@@ -17,6 +17,13 @@ constexpr double kWidthOfStars = 0.005, kWidthOfBodies = 0.1;
 // Optics drift with temperature, and no model of them is exact: no belief becomes firmer than this.
 constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.02, kLeastOffsetPx = 0.005;
 
+LocalPsf::Vector least_sigma(const SensorModel& sensor) {
+  LocalPsf::Vector sigma;
+  sigma << kLeastRelative * sensor.psf_sigma_px, kLeastHaloRelative * sensor.halo_fraction,
+      kLeastHaloRelative * sensor.halo_sigma_px, kLeastHaloRelative, kLeastOffsetPx, kLeastOffsetPx;
+  return sigma;
+}
+
 }  // namespace
 
 SensorModel SensorModel::from(const Camera& camera) {
@@ -43,19 +50,31 @@ LocalPsf LocalPsf::from(const SensorModel& sensor) {
   return psf;
 }
 
+LocalPsf LocalPsf::learnt(const SensorModel& sensor) {
+  LocalPsf psf = from(sensor);
+  psf.covariance = least_sigma(sensor).cwiseAbs2().asDiagonal();
+  return psf;
+}
+
 LocalPsf LocalPsf::of_body() const {
   LocalPsf psf = *this;
   psf.covariance(width, width) += kWidthOfBodies * kWidthOfBodies * sigma_px() * sigma_px();
   return psf;
 }
 
+// A disc lit from one side is skew: its third cumulant along the Sun's direction is up to 0.013 R^3 (Lambert). At x
+// from the centre a Gaussian's wing then seems shifted by 0.013 R^3 x^2 / (6 sigma^4); the wings of a saturated spot
+// are seen at 3 to 4 sigma.
+double skew_of_disc_px(double radius_px, double psf_sigma_px) {
+  constexpr double kShift = 0.013 * 3.5 * 3.5 / 6.0;
+  return kShift * radius_px * radius_px * radius_px / (psf_sigma_px * psf_sigma_px);
+}
+
 PsfBelief::PsfBelief(const SensorModel& sensor, int width_px, int height_px)
     : sensor_(sensor),
       middle_px_(0.5 * (width_px - 1), 0.5 * (height_px - 1)),
       half_diagonal_px_(0.5 * std::hypot(width_px, height_px)) {
-  least_sigma_ << kLeastRelative * sensor.psf_sigma_px, kLeastHaloRelative * sensor.halo_fraction,
-      kLeastHaloRelative * sensor.halo_sigma_px, kLeastHaloRelative, kLeastOffsetPx, kLeastOffsetPx,
-      kLeastRelative * sensor.psf_sigma_px;
+  least_sigma_ << least_sigma(sensor), kLeastRelative * sensor.psf_sigma_px;
   forget();
 }
 

@@ -54,9 +54,14 @@ struct LocalPsf {
   int reach_px() const { return static_cast<int>(std::ceil(3.0 * sigma_px())); }
   // As believed before any frame.
   static LocalPsf from(const SensorModel& sensor);
+  // The same, known as well as flight ever tells.
+  static LocalPsf learnt(const SensorModel& sensor);
   // Of a body that may be a small disc: its light is wider by 10 % (1 sigma), a radius of 0.9 times the width.
   LocalPsf of_body() const;
 };
+
+// What a disc of a radius adds to the error that repeats, when its saturated spot is fitted as a point's.
+double skew_of_disc_px(double radius_px, double psf_sigma_px);
 
 // What the light of one star says of the point-spread function there, its place and flux taken out: the likelihood is
 // exp(-x' information x / 2 + vector' x).

@@ -42,11 +42,20 @@ struct MatchedStar {
   Vec2 residual_px = Vec2::Zero();
 };
 
+// Of the camera's geometry, where it is learned in flight (camera_belief.h): relative focal length, centre (px, with the
+// turn that keeps the middle of the picture), k1.
+struct CameraErrors {
+  enum Parameter : int { focal, centre_u, centre_v, k1, kCount };
+  Eigen::Matrix<double, kCount, kCount> covariance = Eigen::Matrix<double, kCount, kCount>::Zero();
+  Eigen::Matrix<double, 3, kCount> with_attitude = Eigen::Matrix<double, 3, kCount>::Zero();  // E[theta c']
+};
+
 struct AttitudeSolution {
   Mat3 R_CN = Mat3::Identity();
   // Of the error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
   Mat3 covariance_rad2 = Mat3::Zero();
   Intrinsics intrinsics;  // as used, or as solved for
+  CameraErrors camera;    // of `intrinsics`; zero where the camera is taken as told
   bool mirrored = false;
   double residual_rms_px = 0.0;
   double chance_probability = 1.0;

@@ -38,11 +38,13 @@ Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const S
       finder_(settings.centroids, sensor, camera.width_px, camera.height_px),
       identifier_(field, index, camera, with_psf(settings.identify, sensor),
                   static_cast<std::size_t>(settings.centroids.max_centroids)),
+      geometry_(camera, settings.camera),
       attention_(camera.width_px, camera.height_px),
       memory_(settings.max_planets) {
   const auto spots = static_cast<std::size_t>(settings.centroids.max_centroids);
   centroids_.resize(spots + settings.max_planets);  // bodies in the wings of another have no spot of their own
   stars_.resize(spots);
+  sights_.reserve(spots);
   is_star_.resize(centroids_.size());
   parts_.resize(settings.max_planets);
   planets_.resize(settings.max_planets);
@@ -119,6 +121,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     result_.attitude = known->attitude;
     result_.stars = std::span<const MatchedStar>(stars_.data(), known->matched);
     result_.hypotheses = known->hypotheses;
+    if (geometry_.learns() && !result_.attitude.mirrored) learn_camera();
   } else {
     result_.source = AttitudeSource::none;
   }
@@ -141,6 +144,22 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   const double done = now_ms();
   result_.time_ms = {centroided_ms_ - begin, identified - centroided_ms_, done - identified, done - begin};
   return result_;
+}
+
+// The stars' directions are where the identification's own camera and attitude put them.
+void Vision::learn_camera() {
+  AttitudeSolution& attitude = result_.attitude;
+  sights_.clear();
+  for (const MatchedStar& star : result_.stars) {
+    const Centroid& spot = centroids_[star.centroid];
+    const Vec2 predicted = spot.pixel.vec() - star.residual_px;
+    const Result<Vec3> direction_C = unproject(attitude.intrinsics, {predicted.x(), predicted.y()});
+    if (!direction_C) return;
+    sights_.push_back({spot.pixel, spot.covariance_px2, attitude.R_CN.transpose() * *direction_C});
+  }
+  if (!geometry_.learn(sights_, attitude)) return;
+  identifier_.set_camera(geometry_.camera());
+  for (std::size_t i = 0; i < sights_.size(); ++i) stars_[i].residual_px = sights_[i].residual_px;
 }
 
 // A disc that does not saturate is no point, and was set apart. Where a body of its size is foretold it is a spot

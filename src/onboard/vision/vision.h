@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "foundation/image/image.h"
+#include "onboard/vision/camera_belief.h"
 #include "onboard/vision/centroids.h"
 #include "onboard/vision/identify.h"
 #include "onboard/vision/planets.h"
@@ -23,6 +24,7 @@ struct VisionSettings {
   CentroidSettings centroids;
   IdentifySettings identify;
   PlanetSettings planets;
+  CameraSigmas camera;            // what is learned of the camera's geometry in flight
   double prior_radius_px = 15.0;  // how far off a prior attitude may put the stars
   // With a prior attitude only the surroundings of so many of the brightest stars, and of the planets, are looked at;
   // the whole frame where that does not convince. 0: always the whole frame.
@@ -60,6 +62,8 @@ class Vision {
                              const std::optional<Mat3>& prior_R_CN = {},
                              std::span<const PlanetPrediction> predictions = {});
 
+  // What is believed of the camera's geometry by now.
+  const Intrinsics& camera() const { return geometry_.camera(); }
   // What was learned of the optics, for the middle of the field.
   LocalPsf psf_in_the_middle() const { return finder_.psf().at(middle_); }
 
@@ -68,6 +72,7 @@ class Vision {
                                          const Mat3& prior_R_CN, std::span<const PlanetPrediction> predictions);
   Result<Identification> identify_whole(ImageView<const std::uint16_t> frame, const Observer& observer,
                                         const std::optional<Mat3>& prior_R_CN);
+  void learn_camera();
   void attend_stars(const Mat3& R_CN, std::size_t most, double reach_px);
   void attend_planets(const AttitudeSolution& attitude, std::span<const PlanetPrediction> predictions);
   // What a disc, fitted as a point, adds to the error that repeats.
@@ -101,6 +106,8 @@ class Vision {
   Pixel middle_;
   CentroidFinder finder_;
   Identifier identifier_;
+  CameraBelief geometry_;
+  std::vector<StarSight> sights_;
   Attention attention_;
   std::vector<Pixel> guides_;
   double centroided_ms_ = 0.0;  // the clock when the spots were there

@@ -82,6 +82,9 @@ vision::VisionSettings vision_settings(const scenario::Scenario& s) {
   settings.centroids.threshold_sigma = belief.threshold_sigma;
   settings.centroids.max_centroids = belief.max_spots;
   settings.identify.match_px = belief.match_radius_px;
+  settings.camera = {.focal_relative = belief.camera_focal_sigma,
+                     .centre_px = belief.camera_center_sigma_px,
+                     .k1 = belief.camera_k1_sigma};
   settings.planets.gate_d2 = chi_square_quantile(belief.planet_gate_probability, 2.0);
   return settings;
 }

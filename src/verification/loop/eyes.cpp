@@ -46,9 +46,7 @@ Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& w
   std::unique_ptr<Eyes> eyes(new Eyes(world));
   const auto true_axes = pixel_axes(world.camera().intrinsics);
   if (!true_axes) return forward(true_axes);
-  const auto believed_axes = pixel_axes(believed.intrinsics);
-  if (!believed_axes) return forward(believed_axes);
-  eyes->R_believed_true_ = *believed_axes * true_axes->transpose();
+  eyes->true_axes_ = *true_axes;
   const scenario::OnboardVision& belief = s.onboard.vision;
   const double fov_h = believed.intrinsics.field_of_view_horizontal_rad();
   const double fov_v = believed.intrinsics.field_of_view_vertical_rad();
@@ -132,7 +130,9 @@ void Eyes::judge_attitude(Event& event, const vision::FrameResult& seen, const M
   if (event.attitude_found) {
     // R_CN_true = exp(-[theta]x) R_CN_found, both in the axes of the believed camera: a principal point that is not
     // where it is believed turns the axes, not the picture.
-    event.attitude_error_rad = -rotation_log(R_believed_true_ * R_CN * seen.attitude.R_CN.transpose());
+    const auto believed_axes = pixel_axes(seen.attitude.intrinsics);
+    const Mat3 R_believed_true = believed_axes ? Mat3(*believed_axes * true_axes_.transpose()) : Mat3::Identity();
+    event.attitude_error_rad = -rotation_log(R_believed_true * R_CN * seen.attitude.R_CN.transpose());
     event.attitude_sigma_rad = seen.attitude.covariance_rad2.diagonal().cwiseSqrt();
     const double worst = event.attitude_error_rad.cwiseQuotient(event.attitude_sigma_rad).cwiseAbs().maxCoeff();
     event.attitude_wrong = event.attitude_error_rad.norm() > kWrongAttitudeRad && worst > kWrongAttitudeSigma;

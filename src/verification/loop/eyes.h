@@ -55,7 +55,7 @@ class Eyes {
   KeptFrame keep(const Event& event, const executive::Look& look) const;
 
   World& world_;
-  Mat3 R_believed_true_ = Mat3::Identity();  // from the true camera's axes to the believed one's, by the pixels of both
+  Mat3 true_axes_ = Mat3::Identity();  // axes that hang on pixels, in the true camera's
   vision::StarField field_;
   std::vector<std::byte> index_bytes_;
   vision::PairIndex index_;

@@ -136,6 +136,9 @@ const std::array kKeys{
     NUMBER(onboard.vision.star_max_v_mag, "mag", 2.0, 12.0, "faintest star (V) in the onboard catalogue"),
     NUMBER(onboard.vision.max_spots, "", 4.0, 10000.0, "most spots that are measured in a frame, brightest first"),
     NUMBER(onboard.vision.match_radius_px, "px", 0.05, 50.0, "how far a spot may lie from the star that it is taken for"),
+    NUMBER(onboard.vision.camera_focal_sigma, "", 0.0, 0.1, "relative error of the camera file's focal length that the eyes may learn from the stars, 1 sigma; 0: taken as told"),
+    NUMBER(onboard.vision.camera_center_sigma_px, "px", 0.0, 100.0, "... of the principal point, per axis"),
+    NUMBER(onboard.vision.camera_k1_sigma, "", 0.0, 1.0, "... of the radial distortion k1"),
     NUMBER(onboard.vision.planet_gate_probability, "", 0.5, 1.0, "share of true planets that the search ellipse must hold"),
 
     NUMBER(mil.line_of_sight_noise_arcsec, "arcsec", 0.0, 36000.0, "noise of the sights flown without images, 1 sigma per axis; 0: perfect"),

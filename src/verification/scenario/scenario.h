@@ -169,6 +169,9 @@ struct OnboardVision {
   double star_max_v_mag = 7.0;
   int max_spots = 200;
   double match_radius_px = 2.0;
+  double camera_focal_sigma = 0.0;
+  double camera_center_sigma_px = 0.0;
+  double camera_k1_sigma = 0.0;
   double planet_gate_probability = 0.999999;  // wider than the filter's, which does the editing
 };
 
@@ -196,10 +199,10 @@ struct Scenario {
     OnboardBeacons beacons;
     OnboardCamera camera;
     OnboardFilter filter;
+    OnboardEphemeris ephemeris;
     OnboardVision vision;
   } onboard;
   Mil mil;
-    OnboardEphemeris ephemeris;
   Sky sky;
 };
 
