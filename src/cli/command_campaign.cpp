@@ -160,7 +160,7 @@ void add_campaign(CLI::App& app, Invocation& invocation) {
       "A campaign that was stopped goes on where it was.\n\nExample:\n  astronav campaign earth-mars-ballistic "
       "--samples 100 --jobs 4 --out runs/hundred");
   const auto add_common = [options](CLI::App* to) {
-    to->add_option("--level", options->level, "mil or sil")->capture_default_str();
+    to->add_option("--level", options->level, "cov, mil or sil")->capture_default_str();
     to->add_option("--samples", options->samples, "how many; sample i has seed SEED + i")
         ->check(number_within(1, 1e7))
         ->capture_default_str();

@@ -4,12 +4,13 @@
 namespace astronav::cli {
 
 Result<loop::Level> parse_level(std::string_view text) {
+  if (text == "cov") return loop::Level::cov;
   if (text == "mil") return loop::Level::mil;
   if (text == "sil") return loop::Level::sil;
   if (text == "pil" || text == "hil") {
-    return fail(ErrorCode::unsupported, "level {s} is not there yet: mil and sil are", {}, "--level", text);
+    return fail(ErrorCode::unsupported, "level {s} is not there yet: cov, mil and sil are", {}, "--level", text);
   }
-  return fail(ErrorCode::invalid_argument, "\"{s}\" is not a level: mil or sil", {}, "--level", text);
+  return fail(ErrorCode::invalid_argument, "\"{s}\" is not a level: cov, mil or sil", {}, "--level", text);
 }
 
 Result<scenario::Draft> read_draft(const std::string& scenario, const std::vector<std::string>& assignments) {

@@ -2,6 +2,7 @@
 // Short missions from end to end: the truth flies, the onboard software finds out where it is.
 #include "verification/loop/mission.h"
 
+#include <cmath>
 #include <cstdio>
 
 #include <gtest/gtest.h>
@@ -47,6 +48,30 @@ TEST(Mission, ImagesOfTheRealSkyFindTheSpacecraft) {
   EXPECT_GT(summary.vision.attitude_success_rate, 0.99);
   EXPECT_GT(summary.vision.planet_success_rate, 0.99);
   EXPECT_EQ(summary.vision.false_planets, 0);
+}
+
+// Covariance analysis knows no luck, and foretells what the filter of a mission with images says of itself.
+TEST(Mission, CovarianceAnalysisForetellsTheFilter) {
+  loop::FlyOptions options;
+  options.level = loop::Level::cov;
+  const auto once = loop::fly(short_scenario(1), options);
+  options.seed = 2;
+  const auto again = loop::fly(short_scenario(2), options);
+  ASSERT_TRUE(once && again);
+  EXPECT_EQ(once->events.back().covariance, again->events.back().covariance);
+  EXPECT_EQ(once->events.back().estimate.p_m, again->events.back().estimate.p_m);
+  const loop::Summary expected = loop::summarize(*once);
+  std::puts(loop::to_text(expected).c_str());
+  EXPECT_TRUE(std::isnan(expected.nees_mean) && std::isnan(expected.nis_mean));
+  EXPECT_EQ(expected.edited_count, 0);
+  // The models agree but for relativity and the like.
+  EXPECT_LT(expected.position_error_km.worst_axis(), 10.0);
+  const auto flown = loop::fly(short_scenario(1), {});
+  ASSERT_TRUE(flown);
+  const loop::Summary summary = loop::summarize(*flown);
+  const double ratio = summary.position_error_km.worst_formal_axis() / expected.position_error_km.worst_formal_axis();
+  EXPECT_GT(ratio, 0.7);
+  EXPECT_LT(ratio, 1.5);
 }
 
 // The same seed gives the same bits.

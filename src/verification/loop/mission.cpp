@@ -16,6 +16,7 @@
 #include "verification/loop/awakening.h"
 #include "verification/loop/belief.h"
 #include "verification/loop/eyes.h"
+#include "verification/loop/forecast.h"
 #include "verification/loop/world.h"
 
 namespace astronav::loop {
@@ -34,7 +35,15 @@ double peak_memory_mb() {
 }
 
 const char* name(Level level) {
-  return level == Level::mil ? "mil" : "sil";
+  switch (level) {
+    case Level::cov:
+      return "cov";
+    case Level::mil:
+      return "mil";
+    case Level::sil:
+      return "sil";
+  }
+  return "";
 }
 
 // One mission in flight: the truth on one side, the navigator on the other, the records between them.
@@ -68,6 +77,7 @@ class Flight {
 
   Result<void> measure(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);     // mil
   Result<void> photograph(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);  // sil
+  Result<void> expect(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);      // cov
   void use(Event& event, const navigation::BeaconMeasurement& measurement);
 
   const scenario::Scenario& scenario_;
@@ -77,6 +87,7 @@ class Flight {
   std::vector<executive::ThrustCommand> commands_;
   std::vector<executive::Kick> kicks_;
   std::unique_ptr<Eyes> eyes_;
+  std::unique_ptr<Forecast> forecast_;
   std::unique_ptr<executive::Navigator> navigator_;
   std::unique_ptr<executive::Timeline> timeline_;
   Mat3 commanded_R_CN_ = Mat3::Identity();  // for the next image
@@ -103,6 +114,11 @@ Result<Records> Flight::fly() {
     if (!eyes) return forward(eyes);
     eyes_ = std::move(*eyes);
   }
+  if (options_.level == Level::cov) {
+    auto forecast = Forecast::create(scenario_, world_, believed_camera_, first);
+    if (!forecast) return forward(forecast);
+    forecast_ = std::move(*forecast);
+  }
   const executive::NavigatorSettings settings{
       *filter, beacon_settings(scenario_, believed_camera_),
       executive::BrightnessSettings{BandPhotometry(believed_camera_), believed_camera_.exposure_s,
@@ -110,7 +126,7 @@ Result<Records> Flight::fly() {
       eyes_ ? eyes_->exposure_control() : nullptr, known_maneuvers()};
   navigator_ =
       std::make_unique<executive::Navigator>(settings, world_.onboard_ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
-  const bool from_nothing = scenario_.onboard.start.from == "survey";
+  const bool from_nothing = scenario_.onboard.start.from == "survey" && options_.level != Level::cov;
   if (const auto ok = from_nothing ? prepare_awakening(*filter) : start(begin); !ok) return forward(ok);
   const int cycles =
       options_.most_cycles > 0 ? std::min(options_.most_cycles, timeline_->cycles()) : timeline_->cycles();
@@ -170,8 +186,10 @@ Result<void> Flight::start(const Epoch& epoch) {
   navigation::InitialState initial;
   initial.epoch = epoch;
   initial.state = *truth;
-  for (int i = 0; i < 3; ++i) initial.state.p_m[i] += stream.normal(0.0, sigma_p);
-  for (int i = 0; i < 3; ++i) initial.state.v_m_s[i] += stream.normal(0.0, sigma_v);
+  if (options_.level != Level::cov) {
+    for (int i = 0; i < 3; ++i) initial.state.p_m[i] += stream.normal(0.0, sigma_p);
+    for (int i = 0; i < 3; ++i) initial.state.v_m_s[i] += stream.normal(0.0, sigma_v);
+  }
   initial.covariance.diagonal() << Vec3::Constant(sigma_p * sigma_p), Vec3::Constant(sigma_v * sigma_v);
   initial.mass_kg = believed_mass_kg();
   records_.start.error << initial.state.p_m - truth->p_m, initial.state.v_m_s - truth->v_m_s;
@@ -244,9 +262,14 @@ Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(2 * cycle + window),
                        .purpose = "roll of a window"});
-  const double roll = stream.uniform(0.0, 2.0 * kPi);
+  const double roll = options_.level == Level::cov ? 0.0 : stream.uniform(0.0, 2.0 * kPi);
   const Epoch first = timeline_->image_epoch(cycle, window, 0);
   if (const auto ok = navigator_->prepare_window(beacon, onboard_clock(scenario_, first)); !ok) return ok;
+  if (forecast_) {
+    const auto truth = world_.trajectory().state(first);
+    if (!truth) return forward(truth);
+    if (const auto ok = forecast_->prepare_window(beacon, first, *truth); !ok) return ok;
+  }
   for (int k = 0; k < timeline_->images_per_window(); ++k) {
     progress(*timeline_, cycle, window, k, beacon);
     if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon, roll); !ok)
@@ -271,8 +294,9 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   image.window = window;
   image.body = beacon;
   image.image = records_.images++;
-  const auto done =
-      options_.level == Level::mil ? measure(image, *truth, R_CN, beacon) : photograph(image, *truth, R_CN, beacon);
+  const auto done = options_.level == Level::cov   ? expect(image, *truth, R_CN, beacon)
+                    : options_.level == Level::mil ? measure(image, *truth, R_CN, beacon)
+                                                   : photograph(image, *truth, R_CN, beacon);
   if (!done) return done;
   const auto after = event(EventKind::image, mid_exposure, cycle, window, beacon);
   if (!after) return forward(after);
@@ -308,6 +332,15 @@ Result<void> Flight::measure(Event& image, const State& truth, const Mat3& R_CN,
   m.R_CN = awakening_ ? attitude_among_stars(R_CN, truth.v_m_s, navigator_->filter().state().v_m_s) : R_CN;
   use(image, m);
   image.planet_error_px = noise;
+  return {};
+}
+
+Result<void> Flight::expect(Event& image, const State& truth, const Mat3& R_CN, BodyId beacon) {
+  const auto m = forecast_->measure(beacon, image.epoch, truth, R_CN);
+  if (!m) return forward(m);
+  use(image, *m);
+  image.attitude_sigma_rad = m->attitude_covariance_rad2.diagonal().cwiseSqrt();
+  image.stars_matched = forecast_->window().stars;
   return {};
 }
 
@@ -443,11 +476,12 @@ void Flight::progress(const executive::Timeline& timeline, int cycle, int window
 }  // namespace
 
 Result<Records> fly(const scenario::Scenario& scenario, const FlyOptions& options) {
-  auto world = World::create(scenario, options.seed, options.sample);
+  const scenario::Scenario flown = options.level == Level::cov ? undisturbed(scenario) : scenario;
+  auto world = World::create(flown, options.seed, options.sample);
   if (!world) return forward(world);
-  const auto camera = scenario::onboard_camera(scenario);
+  const auto camera = scenario::onboard_camera(flown);
   if (!camera) return forward(camera);
-  return Flight(scenario, options, **world, *camera).fly();
+  return Flight(flown, options, **world, *camera).fly();
 }
 
 }  // namespace astronav::loop

@@ -12,6 +12,7 @@
 namespace astronav::loop {
 
 enum class Level : unsigned char {
+  cov,  // covariance analysis: no images, no random numbers, the filter's bound
   mil,  // model in the loop: measurements without images
   sil,  // software in the loop: images rendered and processed
 };

@@ -197,7 +197,9 @@ Summary summarize(const Records& records) {
 
   double nees = 0.0;
   for (const Event* e : steady) nees += e->nees;
-  s.nees_mean = ratio(nees, s.steady_count);
+  // Without noise errors say nothing of a covariance.
+  const bool noisy = records.level != "cov";
+  s.nees_mean = noisy ? ratio(nees, s.steady_count) : kNan;
   s.nees_effective_count = effective_windows(records);
   s.nees_band_95 = mean_band(6.0, s.nees_effective_count);
 
@@ -225,15 +227,15 @@ Summary summarize(const Records& records) {
       planet2 += e.planet_error_px.squaredNorm();
     }
   }
-  s.nis_mean = ratio(nis, s.nis_count);
+  s.nis_mean = noisy ? ratio(nis, s.nis_count) : kNan;
   s.nis_band_95 = mean_band(2.0, s.nis_count);
   s.attitude_count = attitudes;
   s.planet_count = planets;
-  const bool pictures = records.level != "mil";
+  const bool pictures = records.level == "sil";
   s.vision.attitude_success_rate = pictures ? ratio(attitudes, records.images) : kNan;
   s.vision.planet_success_rate = pictures ? ratio(planets, records.images) : kNan;
   s.vision.centroid_error_px_1sigma = root_mean(centroid2, s.centroid_count);
-  s.vision.planet_error_px_1sigma = root_mean(planet2, 2.0 * planets);
+  s.vision.planet_error_px_1sigma = noisy ? root_mean(planet2, 2.0 * planets) : kNan;
   s.vision.attitude_cross_arcsec_1sigma = pictures ? root_mean(cross2, 2.0 * attitudes) / kArcsecond : kNan;
   s.vision.attitude_roll_arcsec_1sigma = pictures ? root_mean(roll2, attitudes) / kArcsecond : kNan;
 
@@ -593,6 +595,14 @@ std::string in_words(const Summary& s) {
         "The mission flew {:.0f} days with {} navigation cycles: too few for a steady state, which is read from "
         "the fourth cycle on.",
         s.duration_days / s.runs, s.cycles / s.runs);
+  }
+  if (s.level == "cov") {
+    return fmt::format(
+        "Without noise and random errors: once settled, the filter's covariance says {} and {} (3 sigma, worst axis); "
+        "what "
+        "its models leave out moves the estimate by {} and {}. {} sights were flown without images.",
+        figure(s.position_error_km.worst_formal_axis(), "km"), figure(s.velocity_error_m_s.worst_formal_axis(), "m/s"),
+        figure(s.position_error_km.worst_axis(), "km"), figure(s.velocity_error_m_s.worst_axis(), "m/s"), s.images);
   }
   std::string out = fmt::format(
       "Once settled, the spacecraft knew its place to {} and its velocity to {} (3 sigma, worst axis){}; its own error "

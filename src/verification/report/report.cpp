@@ -136,7 +136,7 @@ Json error_columns(const loop::Records& records) {
     days.push_back(t);
     position.add((e.estimate.p_m - e.truth.p_m) * 1e-3);
     velocity.add(e.estimate.v_m_s - e.truth.v_m_s);
-    const loop::Vec6 sigma = e.covariance.diagonal().cwiseSqrt();
+    const Vec6 sigma = e.covariance.diagonal().cwiseSqrt();
     position_sigma.add(sigma.head<3>() * 1e-3);
     velocity_sigma.add(sigma.tail<3>());
   }

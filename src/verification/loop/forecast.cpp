@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "verification/loop/forecast.h"
+
+#include <cmath>
+#include <utility>
+
+#include "verification/loop/belief.h"
+
+namespace astronav::loop {
+
+scenario::Scenario undisturbed(scenario::Scenario s) {
+  s.truth.dynamics.srp_scale_error = 0.0;
+  s.truth.dynamics.unmodelled_acceleration_m_s2 = 0.0;
+  s.truth.thrust = {};
+  s.truth.unloading.on = false;
+  s.truth.clock = {};
+  s.truth.pointing.jitter_arcsec = 0.0;
+  s.truth.photocentre.scale = 1.0;
+  s.truth.camera.file = s.onboard.camera.file;
+  s.truth.camera.focal_error_relative = 0.0;
+  s.truth.camera.center_offset_u_px = s.truth.camera.center_offset_v_px = 0.0;
+  s.truth.camera.k1_error = 0.0;
+  s.conops.dither_px = 0.0;
+  s.onboard.filter.adaptive_r = false;  // there are no residuals to learn from
+  return s;
+}
+
+Result<std::unique_ptr<Forecast>> Forecast::create(const scenario::Scenario& s, const World& world,
+                                                   const Camera& believed, Epoch epoch) {
+  std::unique_ptr<Forecast> out(new Forecast(world, believed));
+  const auto exposure = exposure_settings(s, believed);
+  if (!exposure) return forward(exposure);
+  out->field_ = vision::StarField::build(world.catalogue(), s.onboard.vision.star_max_v_mag, epoch);
+  const auto sensor = vision::SensorModel::from(believed);
+  out->control_.emplace(*exposure, sensor, believed.intrinsics, out->field_);
+  out->choose_exposure_ = s.onboard.vision.exposure == "chosen";
+  out->optics_ = vision::LocalPsf::learnt(sensor);
+  return out;
+}
+
+Result<void> Forecast::prepare_window(BodyId beacon, Epoch epoch, const State& truth_O) {
+  const auto direction = world_.sight(beacon, epoch, truth_O);
+  if (!direction) return forward(direction);
+  const auto known = world_.ephemeris().resolve(beacon);
+  if (!known) return forward(known);
+  // Light time changes the magnitude by less than a thousandth.
+  const auto from_sun = world_.ephemeris().state(*known, body::sun, epoch);
+  if (!from_sun) return forward(from_sun);
+  const auto from_center = world_.ephemeris().state(*known, body::solar_system_barycenter, epoch);
+  if (!from_center) return forward(from_center);
+  const auto v_mag = planet_v_magnitude(
+      beacon,
+      {.p_body_from_sun_N = from_sun->p_m, .p_body_from_observer_N = from_center->p_m - truth_O.p_m, .epoch = epoch});
+  if (!v_mag) return forward(v_mag);
+  const double dn_s = band_.flux(*v_mag, planet_b_v(beacon)).electrons_per_s / believed_.detector.gain_e_dn;
+  window_ = choose_exposure_ ? control_->choose(*direction, dn_s, optics_)
+                             : control_->forecast(*direction, dn_s, optics_, believed_.exposure_s);
+  if (window_.planet.saturated) {
+    const auto constants = body_constants(beacon);
+    if (!constants) return forward(constants);
+    const double radius_rad = constants->mean_radius_m / (from_center->p_m - truth_O.p_m).norm();
+    window_.planet.repeating_px =
+        std::hypot(window_.planet.repeating_px,
+                   vision::skew_of_disc_px(radius_rad * believed_.intrinsics.fx_px, believed_.psf.sigma_px));
+  }
+  return {};
+}
+
+Result<navigation::BeaconMeasurement> Forecast::measure(BodyId beacon, Epoch epoch, const State& truth_O,
+                                                        const Mat3& R_CN) const {
+  const auto direction = world_.sight(beacon, epoch, truth_O);
+  if (!direction) return forward(direction);
+  const auto pixel = project(believed_.intrinsics, R_CN * *direction);
+  if (!pixel) return forward(pixel);
+  navigation::BeaconMeasurement m;
+  m.body = beacon;
+  m.mid_exposure = epoch;
+  m.pixel = *pixel;
+  m.pixel_covariance_px2 = window_.planet.sigma_px * window_.planet.sigma_px * Mat2::Identity();
+  m.repeating_sigma_px = window_.planet.repeating_px;
+  m.R_CN = R_CN;
+  // The planet stands in the middle of the picture, where the roll does not move it.
+  const double across_rad = window_.attitude_px / believed_.intrinsics.fx_px;
+  m.attitude_covariance_rad2.diagonal() << across_rad * across_rad, across_rad * across_rad, 0.0;
+  return m;
+}
+
+}  // namespace astronav::loop
