@@ -112,7 +112,8 @@ void add_run(CLI::App& app, Invocation& invocation) {
   CLI::App* sub = app.add_subcommand("run", "flies one mission and writes its report");
   sub->footer("Example:\n  astronav run --level mil --seed 3 --set conops.cycle_days=5 --out runs/short-cycles");
   sub->add_option("scenario", options->scenario, "TOML file, or a name in scenarios/")->capture_default_str();
-  sub->add_option("--level", options->level, "cov (covariance alone), mil (sights) or sil (rendered images); default sil");
+  sub->add_option("--level", options->level,
+                  "cov (covariance alone), mil (sights) or sil (rendered images); default sil");
   sub->add_option("--seed", options->seed, "of everything random; default 1")->check(seed_number());
   sub->add_option("--set", options->set, "key=value, any key of the scenario; may be repeated")
       ->allow_extra_args(false);

@@ -42,8 +42,8 @@ struct MatchedStar {
   Vec2 residual_px = Vec2::Zero();
 };
 
-// Of the camera's geometry, where it is learned in flight (camera_belief.h): relative focal length, centre (px, with the
-// turn that keeps the middle of the picture), k1.
+// Of the camera's geometry, where it is learned in flight (camera_belief.h): relative focal length, centre (px, with
+// the turn that keeps the middle of the picture), k1.
 struct CameraErrors {
   enum Parameter : int { focal, centre_u, centre_v, k1, kCount };
   Eigen::Matrix<double, kCount, kCount> covariance = Eigen::Matrix<double, kCount, kCount>::Zero();

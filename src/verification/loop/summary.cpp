@@ -599,8 +599,7 @@ std::string in_words(const Summary& s) {
   if (s.level == "cov") {
     return fmt::format(
         "Without noise and random errors: once settled, the filter's covariance says {} and {} (3 sigma, worst axis); "
-        "what "
-        "its models leave out moves the estimate by {} and {}. {} sights were flown without images.",
+        "what its models leave out moves the estimate by {} and {}. {} sights were flown without images.",
         figure(s.position_error_km.worst_formal_axis(), "km"), figure(s.velocity_error_m_s.worst_formal_axis(), "m/s"),
         figure(s.position_error_km.worst_axis(), "km"), figure(s.velocity_error_m_s.worst_axis(), "m/s"), s.images);
   }
