@@ -258,8 +258,7 @@ void add_beacons(CLI::App& app, Invocation& invocation) {
   sub->add_option("--seed", options->seed, "for scenarios with distributions")
       ->check(seed_number())
       ->capture_default_str();
-  sub->add_option("--mode", options->mode,
-                  "onboard.beacons.merit: by two sights alone, or by what the filter has then")
+  sub->add_option("--mode", options->mode, "onboard.beacons.merit: by two sights alone, or by what the filter has then")
       ->check(CLI::IsMember({"static", "filter"}));
   sub->add_flag("--json", options->json, "one JSON object a navigation cycle");
   sub->callback([options, &invocation] { invocation.action = [options] { return run(*options); }; });
