@@ -85,6 +85,8 @@ vision::VisionSettings vision_settings(const scenario::Scenario& s) {
   settings.camera = {.focal_relative = belief.camera_focal_sigma,
                      .centre_px = belief.camera_center_sigma_px,
                      .k1 = belief.camera_k1_sigma};
+  // The first frames are to be recognised with the camera as told: four of its sigmas.
+  settings.identify.scale_tolerance = std::max(settings.identify.scale_tolerance, 4.0 * belief.camera_focal_sigma);
   settings.planets.gate_d2 = chi_square_quantile(belief.planet_gate_probability, 2.0);
   return settings;
 }
