@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include <Eigen/Cholesky>
 #include <boost/math/distributions/chi_squared.hpp>
 #include <boost/math/distributions/normal.hpp>
 
@@ -31,6 +32,13 @@ double normal_quantile(double p) {
 Band chi_square_mean_band(double p, double degrees, double count) {
   const double total = degrees * count;
   return {chi_square_quantile(0.5 * (1.0 - p), total) / count, chi_square_quantile(0.5 * (1.0 + p), total) / count};
+}
+
+double normalised_square(const Vec6& e, const Mat6& P) {
+  const Vec6 scale = P.diagonal().cwiseSqrt();
+  const Mat6 correlation = scale.cwiseInverse().asDiagonal() * P * scale.cwiseInverse().asDiagonal();
+  const Vec6 normalised = e.cwiseQuotient(scale);
+  return normalised.dot(correlation.ldlt().solve(normalised));
 }
 
 double mean(std::span<const double> values) {

@@ -4,6 +4,8 @@
 
 #include <span>
 
+#include "foundation/math/linear.h"
+
 namespace astronav {
 
 // Quantile of chi-square with `degrees` > 0 at probability p in (0, 1), and the probability of exceeding x.
@@ -19,6 +21,9 @@ struct Band {
 
 // Two-sided band that holds the mean of `count` independent chi-square values of `degrees` with probability p.
 Band chi_square_mean_band(double p, double degrees, double count);
+
+// e' P^-1 e of a position and a velocity, whose variances differ by ten orders of magnitude: by the correlation matrix.
+double normalised_square(const Vec6& e, const Mat6& P);
 
 double mean(std::span<const double> values);
 double rms(std::span<const double> values);

@@ -120,4 +120,12 @@ inline Intrinsics twenty_degree_camera() {
   return Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree);
 }
 
+// Of a Filter or a SmoothedState: e' P^-1 e of position and velocity.
+template <typename Estimate>
+double squared_error(const Estimate& estimate, const State& truth) {
+  Vec6 e;
+  e << estimate.state().p_m - truth.p_m, estimate.state().v_m_s - truth.v_m_s;
+  return normalised_square(e, estimate.covariance_pv());
+}
+
 }  // namespace astronav::navigation::testing

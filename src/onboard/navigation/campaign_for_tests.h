@@ -88,16 +88,6 @@ inline std::array<BodyId, 2> best_pair(const State& observer, Epoch epoch) {
   return best;
 }
 
-inline double squared_error(const Filter& filter, const State& truth) {
-  Vec6 e;
-  e << filter.state().p_m - truth.p_m, filter.state().v_m_s - truth.v_m_s;
-  Mat6 P = filter.covariance_pv();
-  const Vec6 scale = P.diagonal().cwiseSqrt().cwiseInverse();
-  e = scale.cwiseProduct(e);
-  P = (scale.asDiagonal() * P * scale.asDiagonal()).eval();
-  return e.dot(P.llt().solve(e));
-}
-
 inline constexpr int kImages = 36;
 inline const Duration kImagePeriod = Duration::seconds(100.0);
 inline const Duration kSecondWindow = Duration::seconds(3600.0 + 25.0 * 60.0);

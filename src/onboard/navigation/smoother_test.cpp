@@ -23,16 +23,6 @@ double largest_growth(const StateMatrix& smoothed, const StateMatrix& filtered) 
   return Eigen::SelfAdjointEigenSolver<StateMatrix>(difference, Eigen::EigenvaluesOnly).eigenvalues().maxCoeff();
 }
 
-double squared_error(const SmoothedState& smoothed, const State& truth) {
-  Vec6 e;
-  e << smoothed.state().p_m - truth.p_m, smoothed.state().v_m_s - truth.v_m_s;
-  Mat6 P = smoothed.covariance_pv();
-  const Vec6 scale = P.diagonal().cwiseSqrt().cwiseInverse();
-  e = scale.cwiseProduct(e);
-  P = (scale.asDiagonal() * P * scale.asDiagonal()).eval();
-  return e.dot(P.llt().solve(e));
-}
-
 // A linear problem, and its answer by least squares over everything at once:
 // unknowns are what drives it, x_0 = m + L z_0 and x_k+1 = Phi_k x_k + N_k
 // z_k+1 with z ~ N(0, I). Six states are known exactly and driven by nothing,

@@ -25,14 +25,6 @@ struct Sizes {
   using Parameters = Eigen::Matrix<double, N, 1, 0, kMax, 1>;
 };
 
-// Beyond so many sigma a star's weight falls with the square of its distance: double stars that the catalogue takes
-// for single ones lie there, and few others (4 %).
-constexpr double kFullWeightSigma = 2.5;
-
-// So many stars tell whether the covariances are true: where what is left is larger, that of the attitude grows with it
-// (eq. 11a).
-constexpr int kStarsThatTell = 20;
-
 // Columns of IntrinsicsJacobian.
 enum { kFx, kFy, kCx, kCy, kK1, kK2, kK3, kP1, kP2 };
 
@@ -105,11 +97,7 @@ Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN
           jacobian.col(column++) = by_camera.col(kP2);
         }
       }
-      // While the start is rough, far-off stars pull with a bounded force (Huber); later, the less the farther off.
-      const double distance = std::sqrt(d2);
-      double pull = 1.0;
-      if (iteration < 2 && distance > options.gate_sigma) pull = options.gate_sigma / distance;
-      if (iteration >= 2 && distance > kFullWeightSigma) pull = kFullWeightSigma * kFullWeightSigma / d2;
+      const double pull = star_pull(std::sqrt(d2), options.gate_sigma, iteration < 2);
       const Eigen::Matrix<double, N, 2, 0, Sizes<N>::kMax, 2> weighted = pull * jacobian.transpose() * weight;
       information.noalias() += weighted * jacobian;
       gradient.noalias() += weighted * sight.residual_px;

@@ -43,6 +43,19 @@ struct AttitudeOptions {
   int max_iterations = 12;
 };
 
+// So many stars tell whether the covariances are true: where what is left is larger, that of the attitude grows with it
+// (eq. 11a).
+inline constexpr int kStarsThatTell = 20;
+
+// How hard a star pulls that is off by so many sigmas. While the start is rough, far-off stars pull with a bounded
+// force (Huber); later, the less the farther off: beyond 2.5 sigma lie double stars that the catalogue takes for single
+// ones, and few others (4 %).
+inline double star_pull(double sigmas, double gate_sigma, bool rough) {
+  constexpr double kFullWeightSigma = 2.5;
+  if (rough) return sigmas > gate_sigma ? gate_sigma / sigmas : 1.0;
+  return sigmas > kFullWeightSigma ? kFullWeightSigma * kFullWeightSigma / (sigmas * sigmas) : 1.0;
+}
+
 struct AttitudeFit {
   Mat3 R_CN = Mat3::Identity();
   Mat3 covariance_rad2 = Mat3::Zero();  // the solved-for camera parameters are accounted for

@@ -14,11 +14,7 @@ namespace {
 
 enum { kFx, kFy, kCx, kCy, kK1 };  // columns of IntrinsicsJacobian
 
-constexpr int kLeastStars = 20;
 constexpr int kIterations = 5;
-// What is wrong with catalogue and lens beside these parameters, gate, and where a star's weight begins to fall: those
-// of the attitude without the camera.
-constexpr double kExtraSigmaPx = 0.004, kGateSigma = 5.0, kFullWeightSigma = 2.5;
 constexpr double kContradictionSigma = 6.0;
 // A camera bends with temperature, and the same stars stand in the same places for an hour: no belief becomes firmer.
 constexpr double kLeastFocal = 2e-6, kLeastCentrePx = 0.02, kLeastK1 = 2e-5;
@@ -76,10 +72,12 @@ Intrinsics CameraBelief::with(const Vector& errors) const {
 
 bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude) {
   constexpr int kAll = 3 + kParameters;
+  constexpr AttitudeOptions options;  // noise and gate: those of the attitude alone
+  constexpr double kExtra2 = options.extra_sigma_px * options.extra_sigma_px;
   using All = Eigen::Matrix<double, kAll, kAll>;
   attitude.camera = CameraErrors{};
   attitude.camera.covariance = covariance_;
-  if (sights.size() < static_cast<std::size_t>(kLeastStars)) return false;
+  if (sights.size() < static_cast<std::size_t>(kStarsThatTell)) return false;
   const Matrix prior = covariance_.inverse();
   const Eigen::Matrix<double, 3, 2> turn = turn_by_centre(told_);
   // The guess was made with a camera of its own: its axes are carried over to the belief's.
@@ -103,14 +101,12 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
       sight.used = false;
       if (!predicted) continue;
       sight.residual_px = sight.pixel.vec() - predicted->vec();
-      const Mat2 weight = (sight.covariance_px2 + kExtraSigmaPx * kExtraSigmaPx * Mat2::Identity()).inverse();
+      const Mat2 weight = (sight.covariance_px2 + kExtra2 * Mat2::Identity()).inverse();
       const double d2 = sight.residual_px.dot(weight * sight.residual_px);
       // The first two steps take all, with a bounded pull: the camera may be half a pixel off at the edge.
       const bool rough = iteration < 2;
-      if (!rough && d2 > kGateSigma * kGateSigma) continue;
-      double pull = 1.0;
-      if (rough && d2 > kGateSigma * kGateSigma) pull = kGateSigma / std::sqrt(d2);
-      if (!rough && d2 > kFullWeightSigma * kFullWeightSigma) pull = kFullWeightSigma * kFullWeightSigma / d2;
+      if (!rough && d2 > options.gate_sigma * options.gate_sigma) continue;
+      const double pull = star_pull(std::sqrt(d2), options.gate_sigma, rough);
       const Mat23 by_theta = by_rotation(by_direction, direction_C);
       Eigen::Matrix<double, 2, kAll> jacobian;
       jacobian << by_theta, by_errors(camera, by_camera, by_theta, turn);
@@ -122,7 +118,7 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
       pulls += pull;
       pulled2 += pull * pull * d2;
     }
-    if (used < kLeastStars) return false;
+    if (used < kStarsThatTell) return false;
     const Eigen::LDLT<All> ldlt(information);
     if (ldlt.info() != Eigen::Success || !ldlt.isPositive()) return false;
     if (iteration == kIterations) {

@@ -122,11 +122,8 @@ Result<void> Awakening::take_picture(Epoch epoch, int cycle, int number, int pic
 
 Result<void> Awakening::sight(Event& event, Epoch clock, const State& truth, const Mat3& R_CN, const StreamId& noise) {
   RandomStream random(noise);
-  sky::SkySettings planets_only = world_.sky_settings();
-  planets_only.max_v_mag = -30.0;
   const Vec3 boresight = R_CN.row(2).transpose();
-  const auto seen = world_.sky().look(event.epoch, truth, boresight, believed_.intrinsics.half_diagonal_rad(),
-                                      world_.band(), planets_only);
+  const auto seen = world_.planets(event.epoch, truth, boresight, believed_.intrinsics.half_diagonal_rad());
   if (!seen) return forward(seen);
   const Mat3 R_believed = attitude_among_stars(R_CN, truth.v_m_s, Vec3::Zero());
   const double largest_rad = scenario_.conops.max_beacon_size_px * believed_.intrinsics.plate_scale_rad_px();

@@ -117,14 +117,14 @@ navigation::BeaconSettings beacon_settings(const scenario::Scenario& s, const Ca
 }
 
 executive::ColdStartSettings cold_start_settings(const scenario::Scenario& s, const navigation::FilterSettings& filter,
-                                                 double mass_kg) {
+                                                 double mass_kg, int images_per_window) {
   executive::ColdStartSettings settings;
   settings.filter = filter;
   settings.mass_kg = mass_kg;
   settings.agility = agility(s);
   settings.sun_exclusion_rad = s.conops.sun_exclusion_deg * kDegree;
   settings.limit_v_mag = std::min(s.conops.limiting_magnitude, s.onboard.vision.star_max_v_mag - kStarMargin);
-  settings.images_per_window = static_cast<int>(s.conops.tracking_min * 60.0 / s.conops.image_period_s);
+  settings.images_per_window = images_per_window;
   return settings;
 }
 

@@ -26,7 +26,8 @@ Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& sce
 // Candidates, limits, merit, and what the platform can do between two windows.
 navigation::BeaconSettings beacon_settings(const scenario::Scenario& scenario, const Camera& camera);
 executive::ColdStartSettings cold_start_settings(const scenario::Scenario& scenario,
-                                                 const navigation::FilterSettings& filter, double mass_kg);
+                                                 const navigation::FilterSettings& filter, double mass_kg,
+                                                 int images_per_window);
 Result<executive::CycleSettings> cycle_settings(const scenario::Scenario& scenario);
 
 }  // namespace astronav::loop

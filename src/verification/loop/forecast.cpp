@@ -39,38 +39,24 @@ Result<std::unique_ptr<Forecast>> Forecast::create(const scenario::Scenario& s, 
 }
 
 Result<void> Forecast::prepare_window(BodyId beacon, Epoch epoch, const State& truth_O) {
-  const auto direction = world_.sight(beacon, epoch, truth_O);
-  if (!direction) return forward(direction);
-  const auto known = world_.ephemeris().resolve(beacon);
-  if (!known) return forward(known);
-  // Light time changes the magnitude by less than a thousandth.
-  const auto from_sun = world_.ephemeris().state(*known, body::sun, epoch);
-  if (!from_sun) return forward(from_sun);
-  const auto from_center = world_.ephemeris().state(*known, body::solar_system_barycenter, epoch);
-  if (!from_center) return forward(from_center);
-  const auto v_mag = planet_v_magnitude(
-      beacon,
-      {.p_body_from_sun_N = from_sun->p_m, .p_body_from_observer_N = from_center->p_m - truth_O.p_m, .epoch = epoch});
-  if (!v_mag) return forward(v_mag);
-  const double dn_s = band_.flux(*v_mag, planet_b_v(beacon)).electrons_per_s / believed_.detector.gain_e_dn;
-  window_ = choose_exposure_ ? control_->choose(*direction, dn_s, optics_)
-                             : control_->forecast(*direction, dn_s, optics_, believed_.exposure_s);
+  const auto planet = world_.planet(beacon, epoch, truth_O);
+  if (!planet) return forward(planet);
+  const double dn_s = band_.flux(planet->v_mag, planet->b_v).electrons_per_s / believed_.detector.gain_e_dn;
+  window_ = choose_exposure_ ? control_->choose(planet->direction_N, dn_s, optics_)
+                             : control_->forecast(planet->direction_N, dn_s, optics_, believed_.exposure_s);
   if (window_.planet.saturated) {
-    const auto constants = body_constants(beacon);
-    if (!constants) return forward(constants);
-    const double radius_rad = constants->mean_radius_m / (from_center->p_m - truth_O.p_m).norm();
+    const double radius_px = planet->angular_radius_rad * believed_.intrinsics.fx_px;
     window_.planet.repeating_px =
-        std::hypot(window_.planet.repeating_px,
-                   vision::skew_of_disc_px(radius_rad * believed_.intrinsics.fx_px, believed_.psf.sigma_px));
+        std::hypot(window_.planet.repeating_px, vision::skew_of_disc_px(radius_px, believed_.psf.sigma_px));
   }
   return {};
 }
 
 Result<navigation::BeaconMeasurement> Forecast::measure(BodyId beacon, Epoch epoch, const State& truth_O,
                                                         const Mat3& R_CN) const {
-  const auto direction = world_.sight(beacon, epoch, truth_O);
-  if (!direction) return forward(direction);
-  const auto pixel = project(believed_.intrinsics, R_CN * *direction);
+  const auto planet = world_.planet(beacon, epoch, truth_O);
+  if (!planet) return forward(planet);
+  const auto pixel = project(believed_.intrinsics, R_CN * planet->direction_N);
   if (!pixel) return forward(pixel);
   navigation::BeaconMeasurement m;
   m.body = beacon;

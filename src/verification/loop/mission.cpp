@@ -11,6 +11,7 @@
 #include <sys/resource.h>
 
 #include "foundation/math/random.h"
+#include "foundation/math/statistics.h"
 #include "onboard/executive/navigator.h"
 #include "onboard/executive/timeline.h"
 #include "verification/loop/awakening.h"
@@ -199,8 +200,9 @@ Result<void> Flight::start(const Epoch& epoch) {
 
 Result<void> Flight::prepare_awakening(const navigation::FilterSettings& filter) {
   records_.start.from = "survey";
-  auto awakening = Awakening::create(scenario_, options_, world_, believed_camera_, eyes_.get(), *timeline_,
-                                     cold_start_settings(scenario_, filter, believed_mass_kg()));
+  auto awakening =
+      Awakening::create(scenario_, options_, world_, believed_camera_, eyes_.get(), *timeline_,
+                        cold_start_settings(scenario_, filter, believed_mass_kg(), timeline_->images_per_window()));
   if (!awakening) return forward(awakening);
   awakening_ = std::move(*awakening);
   return {};
@@ -309,9 +311,9 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
 }
 
 Result<void> Flight::measure(Event& image, const State& truth, const Mat3& R_CN, BodyId beacon) {
-  const auto direction = world_.sight(beacon, image.epoch, truth);
-  if (!direction) return forward(direction);
-  const auto pixel = project(believed_camera_.intrinsics, R_CN * *direction);
+  const auto planet = world_.planet(beacon, image.epoch, truth);
+  if (!planet) return forward(planet);
+  const auto pixel = project(believed_camera_.intrinsics, R_CN * planet->direction_N);
   if (!pixel) return forward(pixel);
   // Noise as an angle on the sky, per axis. A perfect sight still needs a sigma to be weighed with.
   const double sigma_rad = scenario_.mil.line_of_sight_noise_arcsec * kArcsecond;
@@ -418,11 +420,7 @@ Result<Event> Flight::event(EventKind kind, Epoch epoch, int cycle, int window, 
   e.covariance = navigator_->filter().covariance_pv();
   Vec6 error;
   error << e.estimate.p_m - e.truth.p_m, e.estimate.v_m_s - e.truth.v_m_s;
-  // Scaled to its own diagonal first: metres and metres per second differ by ten orders of magnitude.
-  const Vec6 scale = e.covariance.diagonal().cwiseSqrt();
-  const Mat6 correlation = scale.cwiseInverse().asDiagonal() * e.covariance * scale.cwiseInverse().asDiagonal();
-  const Vec6 normalised = error.cwiseQuotient(scale);
-  e.nees = normalised.dot(correlation.ldlt().solve(normalised));
+  e.nees = normalised_square(error, e.covariance);
   return e;
 }
 

@@ -291,6 +291,18 @@ ErrorFigures pool_figures(std::span<const Summary> runs, Figures&& figures, Weig
   return out;
 }
 
+// The figures of a start, by their names in summary.json.
+struct StartFigure {
+  const char* name;
+  double StartSummary::*value;
+};
+constexpr StartFigure kStartFigures[] = {{"survey_error_km", &StartSummary::survey_error_km},
+                                         {"survey_sigma_km", &StartSummary::survey_sigma_km},
+                                         {"position_error_km", &StartSummary::position_error_km},
+                                         {"position_sigma_km", &StartSummary::position_sigma_km},
+                                         {"velocity_error_m_s", &StartSummary::velocity_error_m_s},
+                                         {"velocity_sigma_m_s", &StartSummary::velocity_sigma_m_s}};
+
 StartSummary pool_starts(std::span<const Summary> runs) {
   StartSummary s;
   s.from = runs[0].start.from;
@@ -301,11 +313,9 @@ StartSummary pool_starts(std::span<const Summary> runs) {
     for (const std::string& planet : r.start.planets)
       if (std::find(s.planets.begin(), s.planets.end(), planet) == s.planets.end()) s.planets.push_back(planet);
   }
-  for (double StartSummary::*figure :
-       {&StartSummary::survey_error_km, &StartSummary::survey_sigma_km, &StartSummary::position_error_km,
-        &StartSummary::position_sigma_km, &StartSummary::velocity_error_m_s, &StartSummary::velocity_sigma_m_s}) {
-    s.*figure = weighted_rms(
-        runs, [&](const Summary& r) { return r.start.*figure; }, [](const Summary&) { return 1.0; });
+  for (const auto& [name, value] : kStartFigures) {
+    s.*value = weighted_rms(
+        runs, [member = value](const Summary& r) { return r.start.*member; }, [](const Summary&) { return 1.0; });
   }
   return s;
 }
@@ -405,17 +415,10 @@ Json errors_json(const ErrorSummary& e) {
 }
 
 Json start_json(const StartSummary& s) {
-  return {{"from", s.from},
-          {"cycle", s.cycle},
-          {"surveys", s.surveys},
-          {"pictures", s.pictures},
-          {"planets", s.planets},
-          {"survey_error_km", s.survey_error_km},
-          {"survey_sigma_km", s.survey_sigma_km},
-          {"position_error_km", s.position_error_km},
-          {"position_sigma_km", s.position_sigma_km},
-          {"velocity_error_m_s", s.velocity_error_m_s},
-          {"velocity_sigma_m_s", s.velocity_sigma_m_s}};
+  Json out = {
+      {"from", s.from}, {"cycle", s.cycle}, {"surveys", s.surveys}, {"pictures", s.pictures}, {"planets", s.planets}};
+  for (const auto& [name, value] : kStartFigures) out[name] = s.*value;
+  return out;
 }
 
 double real(const Json& j) {
@@ -447,12 +450,7 @@ StartSummary start_from(const Json& j) {
   s.surveys = j.at("surveys").get<int>();
   s.pictures = j.at("pictures").get<int>();
   s.planets = j.at("planets").get<std::vector<std::string>>();
-  s.survey_error_km = real(j.at("survey_error_km"));
-  s.survey_sigma_km = real(j.at("survey_sigma_km"));
-  s.position_error_km = real(j.at("position_error_km"));
-  s.position_sigma_km = real(j.at("position_sigma_km"));
-  s.velocity_error_m_s = real(j.at("velocity_error_m_s"));
-  s.velocity_sigma_m_s = real(j.at("velocity_sigma_m_s"));
+  for (const auto& [name, value] : kStartFigures) s.*value = real(j.at(name));
   return s;
 }
 

@@ -183,18 +183,22 @@ Epoch onboard_clock(const scenario::Scenario& scenario, Epoch epoch) {
   return epoch + Duration::seconds(1e-3 * scenario.truth.clock.offset_ms);
 }
 
-Result<Vec3> World::sight(BodyId body, Epoch epoch, const State& spacecraft_O) const {
+Result<std::vector<sky::SkySource>> World::planets(Epoch epoch, const State& spacecraft_O, const Vec3& direction_N,
+                                                   double radius_rad) const {
+  sky::SkySettings no_stars = sky_settings_;
+  no_stars.max_v_mag = -30.0;
+  return sky_->look(epoch, spacecraft_O, direction_N, radius_rad, *band_, no_stars);
+}
+
+Result<sky::SkySource> World::planet(BodyId body, Epoch epoch, const State& spacecraft_O) const {
   const Result<BodyId> known = ephemeris_.resolve(body);
   if (!known) return forward(known);
   const auto state = ephemeris_.state(*known, body::solar_system_barycenter, epoch);
   if (!state) return forward(state);
-  sky::SkySettings planets_only = sky_settings_;
-  planets_only.max_v_mag = -30.0;
-  const auto seen = sky_->look(epoch, spacecraft_O, (state->p_m - spacecraft_O.p_m).normalized(), 2.0 * kDegree, *band_,
-                               planets_only);
+  const auto seen = planets(epoch, spacecraft_O, (state->p_m - spacecraft_O.p_m).normalized(), 2.0 * kDegree);
   if (!seen) return forward(seen);
   for (const sky::SkySource& source : *seen) {
-    if (source.kind == sky::SourceKind::planet && source.id == body.value) return source.direction_N;
+    if (source.kind == sky::SourceKind::planet && source.id == body.value) return source;
   }
   return fail(ErrorCode::not_found, "the sky has no {s}", {}, {}, body_name(body));
 }

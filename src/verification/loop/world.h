@@ -47,8 +47,10 @@ class World {
   // put the barycentre at different places beside it (DE405 and DE430: 1 km, DE440: 116 km).
   Result<State> truth_from_onboard_origin(Epoch epoch) const;
 
-  // Exact apparent direction of a planet's centre of light (N).
-  Result<Vec3> sight(BodyId body, Epoch epoch, const State& spacecraft_O) const;
+  // A planet as the spacecraft sees it, and all of them within an angle of a direction.
+  Result<sky::SkySource> planet(BodyId body, Epoch epoch, const State& spacecraft_O) const;
+  Result<std::vector<sky::SkySource>> planets(Epoch epoch, const State& spacecraft_O, const Vec3& direction_N,
+                                              double radius_rad) const;
 
  private:
   World() = default;
