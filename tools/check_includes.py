@@ -15,7 +15,7 @@ FOUNDATION = [F + n for n in ("base", "files", "math", "time", "image", "raster"
 FOUNDATION_FLIGHT = [F + n for n in ("base", "math", "time", "image")]
 MODELS = [M + n for n in ("ephemeris", "aberration", "stars", "photometry", "camera", "camera_file", "oem")]
 MODELS_FLIGHT = [M + n for n in ("ephemeris", "aberration", "stars", "photometry", "camera")]
-SIMULATOR = ["simulator/" + n for n in ("sky", "render", "dynamics", "trajectory", "transfer")]
+SIMULATOR = ["simulator/" + n for n in ("sky", "render", "dynamics", "trajectory", "transfer", "motion")]
 ONBOARD = ["onboard/" + n for n in ("vision", "navigation", "attitude", "executive")]
 VERIFICATION = ["verification/" + n for n in ("scenario", "loop", "campaign", "opensky", "report")]
 
@@ -38,6 +38,7 @@ MAY_INCLUDE = {
     "simulator/dynamics": FOUNDATION + MODELS,
     "simulator/trajectory": FOUNDATION + MODELS + ["simulator/dynamics"],
     "simulator/transfer": FOUNDATION + MODELS + ["simulator/dynamics", "simulator/trajectory"],
+    "simulator/motion": [F + "base", F + "math", F + "time"],
     # Someone else's flight software can use the server alone.
     "simulator/server": FOUNDATION + MODELS + ["simulator/sky", "simulator/render"],
     # A measurement is a plain struct: navigation knows nothing of images.

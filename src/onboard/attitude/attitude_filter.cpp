@@ -40,6 +40,8 @@ const char* name(AttitudeVerdict verdict) {
   switch (verdict) {
     case AttitudeVerdict::accepted:
       return "accepted";
+    case AttitudeVerdict::started:
+      return "started";
     case AttitudeVerdict::gated:
       return "gated";
     case AttitudeVerdict::not_now:
@@ -61,7 +63,7 @@ Result<void> AttitudeFilter::initialise(const AttitudeStart& start) {
   bias_ = start.gyro_bias_rad_s;
   P_.setZero();
   P_.topLeftCorner<3, 3>() = start.covariance_rad2;
-  const double sigma = settings_.gyro.bias_sigma_rad_s;
+  const double sigma = start.gyro_bias_sigma_rad_s.value_or(settings_.gyro.bias_sigma_rad_s);
   P_.bottomRightCorner<3, 3>() = Mat3::Identity() * sigma * sigma;
   return {};
 }

@@ -11,6 +11,8 @@
 // a random walk. Lefferts, Markley & Shuster 1982, J. Guid. Control Dyn. 5(5); docs/theory/attitude.md. No heap.
 #pragma once
 
+#include <optional>
+
 #include "foundation/base/error.h"
 #include "foundation/math/linear.h"
 #include "foundation/time/epoch.h"
@@ -35,6 +37,7 @@ struct AttitudeStart {
   Mat3 R_BN = Mat3::Identity();
   Mat3 covariance_rad2 = Mat3::Zero();  // of theta
   Vec3 gyro_bias_rad_s = Vec3::Zero();
+  std::optional<double> gyro_bias_sigma_rad_s = {};  // an axis; without it that of the gyro's model
 };
 
 // Of a frame: R_CN_true = exp(-[theta]x) R_CN, theta in camera axes.
@@ -44,7 +47,7 @@ struct AttitudeMeasurement {
   Mat3 covariance_rad2 = Mat3::Zero();
 };
 
-enum class AttitudeVerdict : unsigned char { accepted, gated, not_now, bad_measurement };
+enum class AttitudeVerdict : unsigned char { accepted, started, gated, not_now, bad_measurement };
 const char* name(AttitudeVerdict verdict);
 
 struct AttitudeUpdate {
