@@ -42,7 +42,7 @@ double s_curve_rms(double sigma) {
 // Beside what the belief allows for: wings of no model's form. Means over windows of 36 images of saturated planets,
 // with coma and a displaced halo, are off by 0.0003 to 0.0018 px (benchmarks/accuracy/centroids.cpp).
 double repeating_sigma(const PsfFit& fit) {
-  constexpr double kLeast = 0.0015;
+  constexpr double kLeast = 0.0005;
   return std::hypot(fit.repeating_sigma_px, kLeast);
 }
 
@@ -51,10 +51,11 @@ bool usable(const PsfFit& fit) {
   return fit.converged && fit.covariance_px2(0, 0) < 4.0;
 }
 
-// What repeats is for the caller to say.
+// Of a spot that saturates what repeats is said apart; of others it is a small part of the covariance, and stays there.
 void take(const PsfFit& fit, Centroid& spot) {
   spot.pixel = fit.pixel;
-  spot.covariance_px2 = fit.covariance_px2;
+  spot.covariance_px2 = fit.saturated ? fit.noise_px2 : fit.covariance_px2;
+  spot.repeating_sigma_px = fit.saturated ? repeating_sigma(fit) : 0.0;
   spot.flux_dn = fit.flux_dn;
   spot.snr = fit.flux_dn / fit.flux_sigma_dn;
 }
@@ -192,7 +193,6 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
       fit_psf(image, window, guess, level, sensor_, psf, region.saturated && !moving_ ? &evidence : nullptr);
   if (!usable(fit)) return by_squares(image, region, out);
   take(fit, out);
-  if (region.saturated) out.repeating_sigma_px = repeating_sigma(fit);
   if (settings_.learn_psf && !moving_) consider_lesson(image, region, fit, psf, level, evidence);
   return true;
 }
@@ -259,7 +259,8 @@ Window CentroidFinder::core_about(ImageView<const std::uint16_t> image, Pixel pl
 }
 
 bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level,
-                                    std::span<const Pixel> guesses, const PairBelief& belief, Centroid& spot) const {
+                                    std::span<const Pixel> guesses, double flux_dn,
+                                    std::span<const LightBeside> beside, Centroid& spot) const {
   // A fit this good needs no other guess.
   constexpr double kGoodChi2 = 1.5;
   PsfFit best;
@@ -276,7 +277,7 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
       under.background_dn = level.background_dn;
       under.noise_dn = level.noise_dn;
     }
-    const PsfFit fit = fit_psf_beside(image, window, guess, under, sensor_, psf, belief);
+    const PsfFit fit = fit_psf_beside(image, window, guess, under, sensor_, psf, flux_dn, beside);
     if (!usable(fit) || (best.converged && fit.chi2_per_dof >= best.chi2_per_dof)) continue;
     best = fit;
     if (best.chi2_per_dof < kGoodChi2) break;
@@ -284,7 +285,10 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
   if (!best.converged) return false;
   take(best, spot);
   spot.saturated = best.saturated;
-  spot.repeating_sigma_px = best.saturated ? repeating_sigma(best) : best.repeating_sigma_px;
+  if (!best.saturated) {  // the companion's light comes again
+    spot.covariance_px2 = best.noise_px2;
+    spot.repeating_sigma_px = best.repeating_sigma_px;
+  }
   return true;
 }
 

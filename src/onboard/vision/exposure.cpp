@@ -69,7 +69,7 @@ SpotForecast forecast_spot(const SensorModel& sensor, const LocalPsf& psf, doubl
   const PsfFit fit = fit_psf(image, window, kPlace, level, sensor, psf);
   if (!fit.converged) return out;
   out.measured = true;
-  out.sigma_px = std::sqrt(0.5 * fit.covariance_px2.trace());
+  out.sigma_px = std::sqrt(0.5 * fit.noise_px2.trace());
   out.repeating_px = fit.repeating_sigma_px;
   return out;
 }

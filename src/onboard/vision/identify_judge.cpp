@@ -97,7 +97,7 @@ int Identifier::match(std::span<const Centroid> spots, const Mat3& R_CN, const I
     if (star.spot < 0) continue;
     StarSight sight;
     sight.pixel = spots[star.spot].pixel;
-    sight.covariance_px2 = spots[star.spot].covariance_px2;
+    sight.covariance_px2 = spots[star.spot].whole_covariance_px2();
     sight.direction_N = star.direction_N;
     sights_.push_back(sight);
     sight_star_.push_back(static_cast<std::uint32_t>(k));

@@ -61,7 +61,7 @@ class PointFit {
       const double noise = std::sqrt(0.5 * (covariance(0, 0) + covariance(1, 1)));
       if (length < std::max(kConverged, kConvergedSigmas * noise)) {
         fit.converged = true;
-        fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
+        fit.covariance_px2 = fit.noise_px2 = covariance.topLeftCorner<2, 2>();
         fit.flux_sigma_dn = std::sqrt(covariance(2, 2));
         break;
       }

@@ -21,7 +21,9 @@ struct PsfFit {
   bool saturated = false;
   Pixel pixel;
   Mat2 covariance_px2 = Mat2::Identity();
-  // The share of the error that comes from the point-spread function: the next image has the same. 1 sigma an axis.
+  // Its two shares: this image's noise, and what comes from the point-spread function, of which the next image has the
+  // same (1 sigma an axis).
+  Mat2 noise_px2 = Mat2::Identity();
   double repeating_sigma_px = 0.0;
   double flux_dn = 0.0;
   double flux_sigma_dn = 0.0;

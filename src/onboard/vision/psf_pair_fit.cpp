@@ -195,8 +195,8 @@ class PairFitter {
     fit.sigma_px = p(ShapeFit::kShape + LocalPsf::width);
     fit.chi2_per_dof = cost / std::max(1, pixels_ - ShapeFit::kShape);
     // What shape, offset and the other's light move the place by comes again in the next image.
-    const double by_noise = known.solve(Mat3::Identity()).topLeftCorner<2, 2>().trace();
-    fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2.trace() - by_noise)));
+    fit.noise_px2 = Mat3(known.solve(Mat3::Identity())).topLeftCorner<2, 2>();
+    fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));
     fit = inflated(fit);
   }
 

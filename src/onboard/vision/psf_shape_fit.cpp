@@ -62,7 +62,10 @@ template void Patch::load<float>(ImageView<const float>, const Window&, const Lo
 
 PsfFit inflated(PsfFit fit) {
   constexpr double kBlendChi2 = 2.5;
-  if (fit.chi2_per_dof > kBlendChi2) fit.covariance_px2 *= fit.chi2_per_dof;
+  if (fit.chi2_per_dof > kBlendChi2) {
+    fit.covariance_px2 *= fit.chi2_per_dof;
+    fit.noise_px2 *= fit.chi2_per_dof;
+  }
   return fit;
 }
 
@@ -325,15 +328,14 @@ PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_o
   const Matrix covariance = llt.solve(Matrix::Identity());
   const Eigen::LLT<Mat3> known(Mat3(information_.topLeftCorner<kShape, kShape>()));
   if (known.info() != Eigen::Success) return PsfFit{};
-  const Mat3 shape_known = known.solve(Mat3::Identity());
   fit.pixel = {p(0), p(1)};
   fit.flux_dn = std::exp(p(kFlux)) * (1.0 + p(kShape + LocalPsf::halo_share));
   fit.flux_sigma_dn = fit.flux_dn * std::sqrt(covariance(kFlux, kFlux));
   fit.sigma_px = p(kShape + LocalPsf::width);
   fit.chi2_per_dof = cost / std::max(1, pixels_ - kParameters);
   fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
-  const double shared = covariance.topLeftCorner<2, 2>().trace() - shape_known.topLeftCorner<2, 2>().trace();
-  fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * shared));
+  fit.noise_px2 = Mat3(known.solve(Mat3::Identity())).topLeftCorner<2, 2>();
+  fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));
   if (evidence_out != nullptr) *evidence_out = evidence(p);
   return fit;
 }

@@ -25,7 +25,7 @@ enum class SpotKind : unsigned char {
 struct Centroid {
   Pixel pixel;
   Mat2 covariance_px2 = Mat2::Identity();
-  // The share of the error that repeats from frame to frame, per axis, 1 sigma; beside the covariance.
+  // What repeats from frame to frame, per axis, 1 sigma; beside the covariance.
   double repeating_sigma_px = 0.0;
   double flux_dn = 0.0;  // above the background
   double peak_dn = 0.0;  // above the background
@@ -33,6 +33,11 @@ struct Centroid {
   int pixels = 0;  // in the connected region
   bool saturated = false;
   SpotKind kind = SpotKind::point;
+
+  // Noise and what repeats: all of a single frame's error.
+  Mat2 whole_covariance_px2() const {
+    return covariance_px2 + repeating_sigma_px * repeating_sigma_px * Mat2::Identity();
+  }
 };
 
 struct MatchedStar {
