@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Planets in rendered frames, predicted from a place in space that is wrong: how often the right spot is named, how
 // often a wrong one, and how far the planet's pixel is from the truth (the figure 4 of the EXTREMA image-processing
-// paper). One JSON object a line. Options: [frames] [prior 3 sigma, km] [attitude]: the last with a prior attitude, off
-// by 200 arcsec an axis (1 sigma).
+// paper). One JSON object a line. Options: [frames] [prior 3 sigma, km] [attitude] [cases]: with a prior attitude, off
+// by 200 arcsec an axis (1 sigma); with what stood about each body that was not found or found wrongly.
 #include <map>
 
 #include <fmt/format.h>
@@ -20,6 +20,7 @@ constexpr double kLargestRadiusPx = 2.0;
 constexpr double kRightPx = 1.0;
 constexpr double kStarBlendPx = 5.0;
 constexpr double kBrightStarBlendPx = 10.0;   // brighter than the body
+constexpr double kStarsOnBoard = 9.0;         // V; 4.6 MB, and the frames show stars to V 10
 constexpr double kBrightnessErrorMag = 0.15;  // of what onboard expects
 
 struct Tally {
@@ -27,7 +28,7 @@ struct Tally {
   // With a star; not in the others. The Earth and the Moon count as shown wherever they stand.
   int blended = 0, blended_right = 0, blended_wrong = 0;
   std::vector<double> error_px;  // both axes
-  double chi2 = 0.0;
+  double chi2 = 0.0, blended_chi2 = 0.0;
 };
 
 struct Visitor {
@@ -36,10 +37,10 @@ struct Visitor {
   vision::Vision eyes;
   RandomStream random{StreamId{.seed = 6, .purpose = "planets"}};
   RandomStream priors{StreamId{.seed = 6, .purpose = "prior attitudes"}};  // of their own: the same frames without them
-  bool with_attitude = false;
+  bool with_attitude = false, with_cases = false;
 
   Visitor()
-      : onboard(world.catalogue, world.believed.intrinsics, 8.0, Epoch::tdb_seconds(27.0 * 365.25 * 86400.0)),
+      : onboard(world.catalogue, world.believed.intrinsics, kStarsOnBoard, Epoch::tdb_seconds(27.0 * 365.25 * 86400.0)),
         eyes({}, world.believed.intrinsics, vision::SensorModel::from(world.believed), onboard.field, onboard.index) {}
 
   Vec3 anywhere() { return Vec3(random.normal(), random.normal(), random.normal()); }
@@ -175,12 +176,15 @@ struct Visitor {
       tally.wrong += found && (shown == nullptr);
       return;
     }
-    if (is_blended(*shown)) {
-      const bool near =
-          found && (seen.centroids[seen.planets[i].centroid].pixel.vec() - shown->pixel.vec()).norm() < kRightPx;
+    const vision::Centroid* spot = found ? &seen.centroids[seen.planets[i].centroid] : nullptr;
+    const bool right = found && (spot->pixel.vec() - shown->pixel.vec()).norm() < kRightPx;
+    const bool blended = is_blended(*shown);
+    if (!right && with_cases) tell_case(seen, predictions[i], seen.planets[i], *shown, blended);
+    if (blended) {
       ++tally.blended;
-      tally.blended_right += near;
-      tally.blended_wrong += found && !near;
+      tally.blended_right += right;
+      tally.blended_wrong += found && !right;
+      if (right) tally.blended_chi2 += chi2_of(*spot, *shown);
       return;
     }
     ++tally.shown;
@@ -189,17 +193,42 @@ struct Visitor {
       ++tally.not_found;
       return;
     }
-    const vision::Centroid& spot = seen.centroids[seen.planets[i].centroid];
-    const Vec2 error = spot.pixel.vec() - shown->pixel.vec();
-    if (error.norm() > kRightPx) {
+    if (!right) {
       ++tally.wrong;
       return;
     }
     ++tally.right;
+    const Vec2 error = spot->pixel.vec() - shown->pixel.vec();
     tally.error_px.push_back(error.x());
     tally.error_px.push_back(error.y());
-    const Mat2 covariance = spot.covariance_px2 + Mat2::Identity() * spot.repeating_sigma_px * spot.repeating_sigma_px;
-    tally.chi2 += error.dot(covariance.inverse() * error);
+    tally.chi2 += chi2_of(*spot, *shown);
+  }
+
+  static double chi2_of(const vision::Centroid& spot, const render::RenderedSource& shown) {
+    const Vec2 error = spot.pixel.vec() - shown.pixel.vec();
+    return error.dot(spot.whole_covariance_px2().inverse() * error);
+  }
+
+  // What stands near the body, and which spots are there; offsets from where it is.
+  void tell_case(const vision::FrameResult& seen, const vision::PlanetPrediction& asked,
+                 const vision::PlanetMatch& match, const render::RenderedSource& shown, bool blended) const {
+    constexpr double kNearPx = 20.0, kFaintest = 0.01;
+    const double gain = world.believed.detector.gain_e_dn;
+    const auto off = [&](Pixel at) { return fmt::format("{:.2f} {:.2f}", at.u - shown.pixel.u, at.v - shown.pixel.v); };
+    fmt::print("{}{}: {}, {:.0f} DN (told {:.0f}) at {:.0f} {:.0f}, foretold off {}, probability {:.5f}\n",
+               match.found ? "wrong" : "not found", blended ? ", blended" : "", shown.source.id, shown.electrons / gain,
+               asked.expected_flux_dn, shown.pixel.u, shown.pixel.v, off(match.predicted), match.probability);
+    for (const render::RenderedSource& s : world.sources) {
+      if (&s != &shown && (s.pixel.vec() - shown.pixel.vec()).norm() < kNearPx &&
+          s.electrons > kFaintest * shown.electrons)
+        fmt::print("  {} {}, V {:.2f}, {:.0f} DN, off {}\n", s.source.kind == sky::SourceKind::star ? "star" : "body",
+                   s.source.id, s.source.v_mag, s.electrons / gain, off(s.pixel));
+    }
+    for (const vision::Centroid& c : seen.centroids) {
+      if ((c.pixel.vec() - shown.pixel.vec()).norm() < kNearPx)
+        fmt::print("  spot, {:.0f} DN, off {}, sigma {:.3f}{}\n", c.flux_dn, off(c.pixel),
+                   std::sqrt(c.covariance_px2(0, 0)), c.saturated ? ", saturated" : "");
+    }
   }
 };
 
@@ -211,10 +240,12 @@ void print(const std::string& name, double prior_km, const Tally& t) {
       "{{\"benchmark\": \"planets\", \"prior_3sigma_km\": {:.0f}, \"body\": \"{}\", \"shown\": {}, \"with_others\": "
       "{}, "
       "\"right\": {}, \"right_share\": {:.5f}, \"wrong\": {}, \"not_found\": {}, "
-      "\"blended\": {}, \"blended_right\": {}, \"blended_wrong\": {}, \"error_px_3rms\": {:.4f}, "
+      "\"blended\": {}, \"blended_right\": {}, \"blended_wrong\": {}, "
+      "\"blended_chi2_over_2\": {:.3f}, \"error_px_3rms\": {:.4f}, "
       "\"error_px_median\": {:.4f}, \"error_px_99.73\": {:.4f}, \"chi2_over_2\": {:.3f}}}\n",
       prior_km, name, t.shown, t.in_company, t.right, static_cast<double>(t.right) / std::max(t.shown, 1), t.wrong,
-      t.not_found, t.blended, t.blended_right, t.blended_wrong, t.right > 0 ? 3.0 * rms(t.error_px) : 0.0,
+      t.not_found, t.blended, t.blended_right, t.blended_wrong,
+      t.blended_right > 0 ? t.blended_chi2 / (2.0 * t.blended_right) : 0.0, t.right > 0 ? 3.0 * rms(t.error_px) : 0.0,
       t.right > 0 ? median(sizes) : 0.0, t.right > 0 ? quantile(sizes, 0.9973) : 0.0,
       t.right > 0 ? t.chi2 / (2.0 * t.right) : 0.0);
   std::fflush(stdout);
@@ -231,7 +262,10 @@ int main(int argc, char** argv) {
   if (argc > 2) priors = {std::atof(argv[2])};
   for (const double prior_km : priors) {
     Visitor visitor;
-    visitor.with_attitude = argc > 3;
+    for (int i = 3; i < argc; ++i) {
+      visitor.with_attitude |= std::string_view(argv[i]) == "attitude";
+      visitor.with_cases |= std::string_view(argv[i]) == "cases";
+    }
     std::map<std::int64_t, Tally> tallies;
     for (int k = 0; k < frames;) k += visitor.visit(prior_km, tallies);
     Tally all;
@@ -247,6 +281,7 @@ int main(int argc, char** argv) {
       all.blended_right += t.blended_right;
       all.blended_wrong += t.blended_wrong;
       all.chi2 += t.chi2;
+      all.blended_chi2 += t.blended_chi2;
       all.error_px.insert(all.error_px.end(), t.error_px.begin(), t.error_px.end());
     }
     print("all", prior_km, all);

@@ -18,7 +18,7 @@
 #include "foundation/image/image.h"
 #include "onboard/vision/background.h"
 #include "onboard/vision/psf_fit.h"
-#include "onboard/vision/psf_pair_fit.h"
+#include "onboard/vision/psf_group_fit.h"
 #include "onboard/vision/regions.h"
 #include "onboard/vision/spot_shape.h"
 #include "onboard/vision/types.h"
@@ -63,10 +63,10 @@ class CentroidFinder {
   std::size_t find_above(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<Centroid> out);
   std::size_t find_above(ImageView<const float> image, const FrameLevel& level, std::span<Centroid> out);
 
-  // Measures one body of the last frame beside another whose light runs into its own; from the first guess that leads
-  // to a good fit, or the best. False, and `spot` untouched, where that fails.
+  // Measures one body of the last frame, of about `flux_dn`, beside others whose light runs into its own; from the first
+  // guess that leads to a good fit, or the best. False, and `spot` untouched, where that fails.
   bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<const Pixel> guesses,
-                      const PairBelief& belief, Centroid& spot) const;
+                      double flux_dn, std::span<const LightBeside> beside, Centroid& spot) const;
 
   // What the last frame showed beside points of light, by its kind; places by the centre of light.
   std::span<const Centroid> others() const { return others_; }

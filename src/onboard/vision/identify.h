@@ -86,6 +86,8 @@ class Identifier {
   std::size_t place(const Mat3& R_CN, std::span<Pixel> out) const;
   // Of the last answer: spots that lie on a catalogue star of their brightness, whether it took part in the fit or not.
   std::span<const unsigned char> on_star() const { return on_star_; }
+  // Of the last answer: V + 2.5 log10 of the light (DN) of its stars, the median; NaN where too few tell it.
+  double zero_point_mag() const { return zero_point_; }
 
  private:
   struct Star {

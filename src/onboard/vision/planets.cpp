@@ -55,7 +55,7 @@ PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSoluti
   double best = 0.0, sum = 0.0;  // likelihoods, as densities by the same
   for (std::size_t i = 0; i < spots.size(); ++i) {
     if (is_star[i]) continue;
-    const Mat2 covariance = predicted->covariance_px2 + spots[i].covariance_px2;
+    const Mat2 covariance = predicted->covariance_px2 + spots[i].whole_covariance_px2();
     const Vec2 innovation = spots[i].pixel.vec() - predicted->pixel.vec();
     const double d2 = innovation.dot(covariance.inverse() * innovation);
     if (!(d2 < settings.gate_d2)) continue;

@@ -15,7 +15,7 @@
 namespace astronav::vision {
 
 struct PlanetSettings {
-  double gate_d2 = 18.4;              // chi-square, 2 degrees of freedom, 99.99 %
+  double gate_d2 = 27.6;              // chi-square, 2 degrees of freedom: one in a million is outside
   double brightness_sigma_mag = 0.5;  // of predicted against measured
   double brightness_gate_mag = 2.5;
   // A saturated spot may hold far more light than its wings tell.

@@ -7,6 +7,7 @@
 // The result lives in the Vision object until the next frame.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <span>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "onboard/vision/centroids.h"
 #include "onboard/vision/identify.h"
 #include "onboard/vision/planets.h"
+#include "onboard/vision/psf_group_fit.h"
 #include "onboard/vision/types.h"
 
 namespace astronav::vision {
@@ -79,29 +81,41 @@ class Vision {
   double repeating_of_disc(const PlanetPrediction& prediction) const;
   bool stayed(const PlanetMatch& match, Epoch epoch);
   void admit_discs(std::span<const PlanetPrediction> predictions);
-  void name_planets(ImageView<const std::uint16_t> frame, Epoch epoch, std::span<const PlanetPrediction> predictions);
+  // vision_planets.cpp: which spot is which body.
+  void name_planets(ImageView<const std::uint16_t> frame, const Observer& observer,
+                    std::span<const PlanetPrediction> predictions);
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
-  // A body foretold so near to another that their light mixes.
-  struct Neighbour {
-    Pixel pixel;
-    Vec2 offset_px = Vec2::Zero();  // of this from the body
-    Mat2 offset_covariance_px2 = Mat2::Zero();
-    double flux_dn = 0.0;
-    std::size_t prediction = kNone;  // where it is one of them
-  };
-  // What became of a body that has a neighbour.
-  struct Part {
-    std::optional<Neighbour> neighbour;
-    bool mixed = false;            // its light cannot be told from the other's
+  // A body that shines in the frame: one that is looked for (at its index among them), or one told beside it.
+  struct Body {
+    Pixel at;  // foretold
+    Mat2 covariance_px2 = Mat2::Identity();
+    double flux_dn = 0.0;  // 0: nothing is known of its light
+    bool asked = true;
+    // The other of a pair whose offset is foretold better than their places (the Earth and the Moon).
+    std::size_t partner = kNone;
+    double offset_sigma_px = 0.0;
+    // Once it was measured beside others:
     std::size_t spot = kNone;      // its own
-    std::size_t leans_on = kNone;  // the brighter one, beside which it was measured: named only if that is
+    std::size_t leans_on = kNone;  // the brighter one among them: named only if that is
+    bool mixed = false;            // its light cannot be told from theirs
   };
-  std::optional<Neighbour> neighbour_of(std::span<const PlanetPrediction> predictions, std::size_t index) const;
-  void part_from_neighbour(ImageView<const std::uint16_t> frame, std::span<const PlanetPrediction> predictions,
-                           std::size_t index, const Neighbour& neighbour);
+  void list_bodies(std::span<const PlanetPrediction> predictions);
+  // What runs into a body's light.
+  struct Company {
+    std::array<LightBeside, kMostBeside> lights;
+    std::size_t count = 0, bodies = 0;  // bodies, then stars
+    std::size_t brightest = kNone;      // body, measured and brighter than this one
+    bool mixed = false;                 // one is brighter and cannot be told itself
+    double pull_px = 0.0;               // by how much stars may move its spot, if they are left in it
+    std::span<const LightBeside> all() const { return {lights.data(), count}; }
+  };
+  Company company_of(std::size_t index, const Observer& observer);
+  void add_stars(const Body& body, const Observer& observer, Company& company);
+  void part(ImageView<const std::uint16_t> frame, const Observer& observer, std::size_t index);
 
   VisionSettings settings_;
   double psf_sigma_px_;
+  const StarField& field_;
   Intrinsics camera_;
   Pixel middle_;
   CentroidFinder finder_;
@@ -116,7 +130,9 @@ class Vision {
   std::vector<MatchedStar> stars_;
   std::vector<PlanetMatch> planets_;
   std::vector<unsigned char> is_star_;
-  std::vector<Part> parts_;  // by prediction
+  std::vector<Body> bodies_;           // predictions first
+  std::vector<std::size_t> by_light_;  // bodies
+  std::vector<std::uint32_t> near_;    // stars
   FrameResult result_;
 };
 

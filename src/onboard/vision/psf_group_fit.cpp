@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "onboard/vision/psf_pair_fit.h"
+#include "onboard/vision/psf_group_fit.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include "onboard/vision/psf_shape_fit.h"
 
@@ -12,16 +14,18 @@ namespace astronav::vision {
 namespace {
 
 constexpr int kMaxIterations = 40;
-constexpr double kConverged = 1e-4;  // px
-// What is believed of the second's light is right to 0.3 mag: phase laws and colours.
+constexpr double kConverged = 1e-4, kOthersConverged = 1e-3;  // px
+// What is believed of the body's light is right to 0.3 mag: phase laws and colours.
 constexpr double kFluxSigma = 0.3;
-// No offset is known better than a lens is.
+// No place beside another is known better than a lens is.
 constexpr double kLeastOffsetPx = 0.003;
 
-// The first's place, the logarithm of its core's flux and the shape of both, as in ShapeFit; the second's flux, offset.
-constexpr int kOther = ShapeFit::kParameters, kOffset = kOther + 1, kParameters = kOffset + 2;
-using Vector = Eigen::Matrix<double, kParameters, 1>;
-using Matrix = Eigen::Matrix<double, kParameters, kParameters>;
+// The body's place, the logarithm of its core's flux and the shape of all, as in ShapeFit; then of each of the others
+// place (or offset) and flux.
+constexpr int kOthers = ShapeFit::kParameters, kEach = 3;
+constexpr int kMostParameters = kOthers + kEach * static_cast<int>(kMostBeside);
+using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostParameters, 1>;
+using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMostParameters, kMostParameters>;
 
 LocalPsf::Vector shape_of(const Vector& p) {
   return p.segment<LocalPsf::count>(ShapeFit::kShape);
@@ -52,28 +56,37 @@ struct Light {
   }
 };
 
-class PairFitter {
+class GroupFitter {
  public:
-  PairFitter(const Patch& patch, const SensorModel& sensor, const LocalPsf& psf, const PairBelief& pair)
-      : patch_(patch), sensor_(sensor) {
+  GroupFitter(const Patch& patch, const SensorModel& sensor, const LocalPsf& psf, double flux_dn,
+              std::span<const LightBeside> beside)
+      : patch_(patch),
+        sensor_(sensor),
+        beside_(beside),
+        believed_(Vector::Zero(kOthers + kEach * static_cast<int>(beside.size()))),
+        belief_(Matrix::Zero(believed_.size(), believed_.size())) {
     const LocalPsf prior = patch.saturated() ? psf.of_body() : psf;
     const double whole = 1.0 + prior.value[LocalPsf::halo_share];
-    believed_ << 0.0, 0.0, std::log(pair.first_flux_dn / whole), prior.value, std::log(pair.second_flux_dn / whole),
-        pair.offset_px;
-    belief_.setZero();
+    believed_(ShapeFit::kFlux) = std::log(flux_dn / whole);
+    believed_.segment<LocalPsf::count>(ShapeFit::kShape) = prior.value;
     belief_.block<LocalPsf::count, LocalPsf::count>(ShapeFit::kShape, ShapeFit::kShape) =
         prior.covariance.llt().solve(LocalPsf::Matrix::Identity());
-    belief_(ShapeFit::kFlux, ShapeFit::kFlux) = belief_(kOther, kOther) = 1.0 / (kFluxSigma * kFluxSigma);
-    const Mat2 offset = pair.offset_covariance_px2 + Mat2::Identity() * kLeastOffsetPx * kLeastOffsetPx;
-    belief_.bottomRightCorner<2, 2>() = offset.inverse();
+    belief_(ShapeFit::kFlux, ShapeFit::kFlux) = 1.0 / (kFluxSigma * kFluxSigma);
+    for (std::size_t k = 0; k < beside.size(); ++k) {
+      const int at = of_other(k);
+      believed_.segment<2>(at) = beside[k].at_px;
+      believed_(at + ShapeFit::kFlux) = std::log(beside[k].flux_dn / whole);
+      const Mat2 place = beside[k].covariance_px2 + Mat2::Identity() * kLeastOffsetPx * kLeastOffsetPx;
+      belief_.block<2, 2>(at, at) = place.inverse();
+      belief_(at + ShapeFit::kFlux, at + ShapeFit::kFlux) = 1.0 / (beside[k].flux_sigma * beside[k].flux_sigma);
+    }
   }
 
   PsfFit run(Pixel guess) {
     PsfFit fit;
     fit.saturated = patch_.saturated();
+    believed_.head<2>() = guess.vec();  // of no weight
     Vector p = believed_;
-    p.head<2>() = guess.vec();
-    believed_.head<2>() = p.head<2>();  // of no weight
     place(p);
     weigh(p);
     double cost = linearize(p), damping = 1e-3;
@@ -94,28 +107,51 @@ class PairFitter {
       place(p);
       weigh(p);
       cost = linearize(p);
-      converged = step.head<2>().norm() < kConverged && step.tail<2>().norm() < kConverged;
+      converged = step.head<2>().norm() < kConverged;
+      for (std::size_t k = 0; k < beside_.size(); ++k)
+        converged = converged && step.segment<2>(of_other(k)).norm() < kOthersConverged;
     }
     if (converged) tell(p, cost, fit);
     return fit;
   }
 
  private:
+  static int of_other(std::size_t k) { return kOthers + kEach * static_cast<int>(k); }
+
   void place(const Vector& p) {
-    first_.compute(patch_.window, {p(0), p(1)}, shape_of(p));
-    second_.compute(patch_.window, {p(0) + p(kOffset), p(1) + p(kOffset + 1)}, shape_of(p));
+    body_.compute(patch_.window, {p(0), p(1)}, shape_of(p));
+    for (std::size_t k = 0; k < beside_.size(); ++k) {
+      Vec2 at = p.segment<2>(of_other(k));
+      if (beside_[k].from_body) at += p.head<2>();
+      others_[k].compute(patch_.window, {at.x(), at.y()}, shape_of(p));
+    }
   }
 
+  // visit(pixel, signal, halo, slopes)
   template <typename Visit>
   void for_each_pixel(const Vector& p, Visit visit) const {
     const LocalPsf::Vector shape = shape_of(p);
-    const double flux = std::exp(p(ShapeFit::kFlux)), other = std::exp(p(kOther));
+    const double flux = std::exp(p(ShapeFit::kFlux));
+    std::array<double, kMostBeside> others{};
+    for (std::size_t k = 0; k < beside_.size(); ++k) others[k] = std::exp(p(of_other(k) + ShapeFit::kFlux));
+    Vector slopes(p.size());
     for (int j = 0; j < patch_.window.height(); ++j) {
       for (int i = 0; i < patch_.window.width(); ++i) {
-        const auto k = static_cast<std::size_t>(j * kMaxFitWindow + i);
-        if (patch_.counts[k] == 0.0) continue;
+        const auto pixel = static_cast<std::size_t>(j * kMaxFitWindow + i);
+        if (patch_.counts[pixel] == 0.0) continue;
         const auto x = static_cast<std::size_t>(i), y = static_cast<std::size_t>(j);
-        visit(k, Light(first_, x, y, flux, shape), Light(second_, x, y, other, shape));
+        const Light own(body_, x, y, flux, shape);
+        double signal = own.signal, halo = own.halo;
+        slopes.head<ShapeFit::kParameters>() = own.slopes;
+        for (std::size_t k = 0; k < beside_.size(); ++k) {
+          const Light other(others_[k], x, y, others[k], shape);
+          signal += other.signal;
+          halo += other.halo;
+          slopes.segment<LocalPsf::count>(ShapeFit::kShape) += other.slopes.tail<LocalPsf::count>();
+          slopes.segment<kEach>(of_other(k)) = other.slopes.head<kEach>();
+          if (beside_[k].from_body) slopes.head<2>() += other.slopes.head<2>();
+        }
+        visit(pixel, signal, halo, slopes);
       }
     }
   }
@@ -126,8 +162,7 @@ class PairFitter {
                           sensor_.photo_nonuniformity * sensor_.photo_nonuniformity;
     const double halo_shape2 = sensor_.halo_shape_relative * sensor_.halo_shape_relative;
     const double noise2 = patch_.noise_dn * patch_.noise_dn, shot = 1.0 / sensor_.gain_e_dn;
-    for_each_pixel(p, [&](std::size_t k, const Light& one, const Light& other) {
-      const double signal = one.signal + other.signal, halo = one.halo + other.halo;
+    for_each_pixel(p, [&](std::size_t k, double signal, double halo, const Vector&) {
       weight_[k] = 1.0 / (noise2 + signal * (shot + shape2 * signal) + halo_shape2 * halo * halo);
     });
   }
@@ -135,26 +170,22 @@ class PairFitter {
   double misfit(const Vector& p) {
     place(p);
     double chi2 = (believed_ - p).dot(belief_ * (believed_ - p));
-    for_each_pixel(p, [&](std::size_t k, const Light& one, const Light& other) {
-      const double residual = patch_.light[k] - one.signal - other.signal;
+    for_each_pixel(p, [&](std::size_t k, double signal, double, const Vector&) {
+      const double residual = patch_.light[k] - signal;
       chi2 += weight_[k] * residual * residual;
     });
     return chi2;
   }
 
   double linearize(const Vector& p) {
-    information_.setZero();
+    information_.setZero(p.size(), p.size());
     slope_ = belief_ * (believed_ - p);
     double chi2 = (believed_ - p).dot(slope_);
     pixels_ = 0;
-    for_each_pixel(p, [&](std::size_t k, const Light& one, const Light& other) {
-      Vector by;
-      by << one.slopes, other.slopes(ShapeFit::kFlux), other.slopes.head<2>();
-      by.head<2>() += other.slopes.head<2>();
-      by.segment<LocalPsf::count>(ShapeFit::kShape) += other.slopes.tail<LocalPsf::count>();
-      const double residual = patch_.light[k] - one.signal - other.signal;
-      const Vector weighted = weight_[k] * by;
-      information_.noalias() += weighted * by.transpose();
+    for_each_pixel(p, [&](std::size_t k, double signal, double, const Vector& slopes) {
+      const double residual = patch_.light[k] - signal;
+      const Vector weighted = weight_[k] * slopes;
+      information_.noalias() += weighted * slopes.transpose();
       slope_ += residual * weighted;
       chi2 += weight_[k] * residual * residual;
       ++pixels_;
@@ -177,24 +208,28 @@ class PairFitter {
   }
 
   bool inside(const Vector& p) const {
+    constexpr double kMostLnFlux = 40.0;
     const Window& w = patch_.window;
-    return p.allFinite() && p(0) >= w.u0 && p(0) <= w.u1 && p(1) >= w.v0 && p(1) <= w.v1 && p(ShapeFit::kFlux) < 40.0 &&
-           p(kOther) < 40.0;
+    bool faint_enough = p(ShapeFit::kFlux) < kMostLnFlux;
+    for (std::size_t k = 0; k < beside_.size(); ++k) faint_enough &= p(of_other(k) + ShapeFit::kFlux) < kMostLnFlux;
+    return p.allFinite() && p(0) >= w.u0 && p(0) <= w.u1 && p(1) >= w.v0 && p(1) <= w.v1 && faint_enough;
   }
 
   void tell(const Vector& p, double cost, PsfFit& fit) const {
     const Eigen::LLT<Matrix> llt(whole_);
     const Eigen::LLT<Mat3> known(Mat3(information_.topLeftCorner<ShapeFit::kShape, ShapeFit::kShape>()));
     if (llt.info() != Eigen::Success || known.info() != Eigen::Success) return;
-    const Matrix covariance = llt.solve(Matrix::Identity());
+    const Matrix covariance = llt.solve(Matrix::Identity(p.size(), p.size()));
     fit.converged = true;
     fit.pixel = {p(0), p(1)};
     fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
     fit.flux_dn = std::exp(p(ShapeFit::kFlux)) * (1.0 + p(ShapeFit::kShape + LocalPsf::halo_share));
-    fit.flux_sigma_dn = fit.flux_dn * std::sqrt(covariance(ShapeFit::kFlux, ShapeFit::kFlux));
+    // The belief, as one more measurement of the flux, is taken off again.
+    const double told = 1.0 / covariance(ShapeFit::kFlux, ShapeFit::kFlux) - belief_(ShapeFit::kFlux, ShapeFit::kFlux);
+    fit.flux_sigma_dn = fit.flux_dn / std::sqrt(std::max(told, 1e-12));
     fit.sigma_px = p(ShapeFit::kShape + LocalPsf::width);
     fit.chi2_per_dof = cost / std::max(1, pixels_ - ShapeFit::kShape);
-    // What shape, offset and the other's light move the place by comes again in the next image.
+    // What shape and the others' places and light move the place by comes again in the next image.
     fit.noise_px2 = Mat3(known.solve(Mat3::Identity())).topLeftCorner<2, 2>();
     fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));
     fit = inflated(fit);
@@ -202,9 +237,11 @@ class PairFitter {
 
   const Patch& patch_;
   const SensorModel& sensor_;
+  std::span<const LightBeside> beside_;
   Vector believed_;
   Matrix belief_;
-  PointProfiles first_, second_;
+  PointProfiles body_;
+  std::array<PointProfiles, kMostBeside> others_;
   std::array<double, kMaxFitWindow * kMaxFitWindow> weight_;
   Matrix information_, whole_;
   Vector slope_;
@@ -214,13 +251,14 @@ class PairFitter {
 }  // namespace
 
 PsfFit fit_psf_beside(ImageView<const std::uint16_t> image, const Window& window, Pixel guess, const LocalLevel& level,
-                      const SensorModel& sensor, const LocalPsf& psf, const PairBelief& belief) {
+                      const SensorModel& sensor, const LocalPsf& psf, double flux_dn,
+                      std::span<const LightBeside> beside) {
   ASTRONAV_CHECK(image.contains(window.u0, window.v0) && image.contains(window.u1, window.v1));
   ASTRONAV_CHECK(window.width() <= kMaxFitWindow && window.height() <= kMaxFitWindow);
-  ASTRONAV_CHECK(belief.first_flux_dn > 0.0 && belief.second_flux_dn > 0.0);
+  ASTRONAV_CHECK(flux_dn > 0.0 && beside.size() <= kMostBeside);
   Patch patch;
   patch.load(image, window, level, sensor);
-  return PairFitter(patch, sensor, psf, belief).run(guess);
+  return GroupFitter(patch, sensor, psf, flux_dn, beside).run(guess);
 }
 
 }  // namespace astronav::vision

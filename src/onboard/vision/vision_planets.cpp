@@ -1,0 +1,321 @@
+// SPDX-License-Identifier: Apache-2.0
+// The part of Vision that names planets: discs, bodies and stars that run into each other, and which spot is whose.
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "onboard/vision/vision.h"
+
+namespace astronav::vision {
+namespace {
+
+bool as_bright(double flux_dn, double expected_dn) {
+  return std::abs(std::log10(std::max(flux_dn, 1e-3) / expected_dn)) < 1.0;  // 2.5 mag
+}
+
+constexpr double kSteadyPx = 0.1;  // no spot is asked to be steadier
+// Bodies in one spot: it is off by so much, and more where they are apart; no offset is asked to be nearer to what was
+// foretold.
+constexpr double kBlendedPx = 4.0, kAstrayPx = 0.3;
+constexpr double kSurePx = 2.0;     // a prediction as good as this is a guess to start from
+constexpr double kOwnSpotPx = 3.0;  // from a body's fitted place to its own spot
+// Light beside that of a star or of an unknown source is a body's where the frame tells it so well: five sigma.
+constexpr double kPresentSnr = 5.0;
+// Beyond it the light of a body does not reach a fit's window, nor do two spots touch.
+constexpr double kReachPx = 40.0;
+// A told direction and a predicted one are the same body's.
+constexpr double kSameRad = 1e-6;
+constexpr double kBodyFluxSigma = 0.3;  // of the logarithm: phase laws and colours
+// A star's light and place as the camera sees it: its colour is not known, nor is a companion that no catalogue has.
+constexpr double kStarFluxSigma = 0.5, kStarPlacePx = 0.05;
+
+}  // namespace
+
+// A disc that does not saturate is no point, and was set apart. Where a body of its size is foretold it is a spot
+// again, at its centre of light: that is what the prediction is of.
+void Vision::admit_discs(std::span<const PlanetPrediction> predictions) {
+  constexpr double kLeastRadiusPx = 0.8;           // smaller ones are fitted as points
+  constexpr double kLeastLit = 0.1, kMostLit = 2;  // of the disc's area, its blurred rim included
+  std::size_t count = result_.centroids.size();
+  for (const PlanetPrediction& prediction : predictions) {
+    const double radius_px = prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px;
+    const Result<PredictedPixel> place = predict_pixel(prediction, result_.attitude);
+    if (radius_px < kLeastRadiusPx || !place) continue;
+    const double blurred_px = radius_px + 3.0 * psf_sigma_px_, area_px = kPi * blurred_px * blurred_px;
+    for (const Centroid& other : finder_.others()) {
+      if (other.kind != SpotKind::extended || other.saturated || count == centroids_.size()) continue;
+      const Vec2 off = other.pixel.vec() - place->pixel.vec();
+      const Mat2 covariance = place->covariance_px2 + other.covariance_px2;
+      if (off.dot(covariance.inverse() * off) > settings_.planets.gate_d2) continue;
+      if (other.pixels < kLeastLit * area_px || other.pixels > kMostLit * area_px) continue;
+      is_star_[count] = 0;
+      centroids_[count++] = other;
+    }
+  }
+  result_.centroids = std::span<const Centroid>(centroids_.data(), count);
+}
+
+void Vision::name_planets(ImageView<const std::uint16_t> frame, const Observer& observer,
+                          std::span<const PlanetPrediction> predictions) {
+  list_bodies(predictions);
+  for (const std::size_t index : by_light_) part(frame, observer, index);
+  const double area_px = result_.whole ? 0.0 : attention_.area_px();
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    if (bodies_[i].mixed) continue;
+    // A spot that a neighbour's light was parted into is the neighbour's.
+    const auto bar_others = [&](unsigned char barred) {
+      for (std::size_t k = 0; k < predictions.size(); ++k)
+        if (k != i && bodies_[k].spot != kNone && !planets_[k].found) is_star_[bodies_[k].spot] = barred;
+    };
+    bar_others(1);
+    planets_[i] = find_planet(predictions[i], result_.attitude, result_.centroids,
+                              std::span<const unsigned char>(is_star_.data(), result_.centroids.size()),
+                              settings_.planets, area_px);
+    bar_others(0);
+    if (planets_[i].found) planets_[i].found = stayed(planets_[i], observer.epoch);
+    if (!planets_[i].found) continue;
+    is_star_[planets_[i].centroid] = 1;
+    Centroid& spot = centroids_[planets_[i].centroid];
+    if (spot.saturated)
+      spot.repeating_sigma_px = std::hypot(spot.repeating_sigma_px, repeating_of_disc(predictions[i]));
+  }
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    const std::size_t other = bodies_[i].leans_on;
+    if (other < predictions.size() && !planets_[other].found) planets_[i].found = false;
+  }
+}
+
+// Where the spot lies among the stars, against the last frame that showed the body.
+bool Vision::stayed(const PlanetMatch& match, Epoch epoch) {
+  const Centroid& spot = centroids_[match.centroid];
+  const AttitudeSolution& attitude = result_.attitude;
+  const Result<Vec3> direction_C = unproject(attitude.intrinsics, spot.pixel);
+  if (!direction_C) return false;
+  const double centroid = std::sqrt(0.5 * spot.whole_covariance_px2().trace());
+  const double sigma = std::hypot(std::max(centroid, kSteadyPx) * attitude.intrinsics.plate_scale_rad_px(),
+                                  std::sqrt(attitude.covariance_rad2.trace()));
+  return memory_.agrees(match.body, attitude.R_CN.transpose() * *direction_C, sigma, epoch, settings_.planets);
+}
+
+double Vision::repeating_of_disc(const PlanetPrediction& prediction) const {
+  return skew_of_disc_px(prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px, psf_sigma_px_);
+}
+
+// The predictions in their order, then bodies that were told beside them and are not predicted themselves.
+void Vision::list_bodies(std::span<const PlanetPrediction> predictions) {
+  const AttitudeSolution& attitude = result_.attitude;
+  bodies_.clear();
+  for (const PlanetPrediction& prediction : predictions) {
+    bodies_.emplace_back();
+    const Result<PredictedPixel> place = predict_pixel(prediction, attitude);
+    if (!place) continue;
+    bodies_.back().at = place->pixel;
+    bodies_.back().covariance_px2 = place->covariance_px2;
+    bodies_.back().flux_dn = prediction.expected_flux_dn;
+  }
+  for (std::size_t i = 0; i < predictions.size(); ++i) {
+    const PlanetPrediction& prediction = predictions[i];
+    if (!(bodies_[i].flux_dn > 0.0) || !(prediction.companion_flux_dn > 0.0)) continue;
+    const Result<Pixel> beside = project(attitude.intrinsics, attitude.R_CN * prediction.companion_direction_N);
+    if (!beside || (beside->vec() - bodies_[i].at.vec()).norm() > kReachPx) continue;
+    std::size_t other = 0;
+    while (other < predictions.size() &&
+           (other == i || !(bodies_[other].flux_dn > 0.0) ||
+            (predictions[other].direction_N - prediction.companion_direction_N).norm() > kSameRad))
+      ++other;
+    if (other == predictions.size()) {
+      other = bodies_.size();
+      bodies_.push_back({.at = *beside,
+                         .covariance_px2 = bodies_[i].covariance_px2,
+                         .flux_dn = prediction.companion_flux_dn,
+                         .asked = false});
+    }
+    // An error of the spacecraft's place shrinks or turns the way from one to the other by what it turns the sight;
+    // some of that way, for the Moon as long as 60 of the Earth's radii, may lie along the sight.
+    constexpr double kOrbitRadii = 60.0;
+    const double way_px = std::max((beside->vec() - bodies_[i].at.vec()).norm(),
+                                   kOrbitRadii * prediction.angular_radius_rad * attitude.intrinsics.fx_px);
+    bodies_[i].partner = other;
+    bodies_[other].partner = i;
+    const double sigma_px = way_px * std::sqrt(0.5 * prediction.direction_covariance.trace());
+    for (const std::size_t body : {i, other})
+      bodies_[body].offset_sigma_px = std::max(bodies_[body].offset_sigma_px, sigma_px);
+  }
+  by_light_.clear();
+  for (std::size_t i = 0; i < bodies_.size(); ++i)
+    if (bodies_[i].flux_dn > 0.0) by_light_.push_back(i);
+  std::sort(by_light_.begin(), by_light_.end(),
+            [this](std::size_t a, std::size_t b) { return bodies_[a].flux_dn > bodies_[b].flux_dn; });
+}
+
+// Bodies are told by each other's measured places, or else by what is foretold; stars by the catalogue, the attitude
+// and the frame's own scale of brightness.
+Vision::Company Vision::company_of(std::size_t index, const Observer& observer) {
+  const Body& body = bodies_[index];
+  Company company;
+  const auto add_body = [&](std::size_t other) {
+    const Body& beside = bodies_[other];
+    const bool brighter = beside.flux_dn > body.flux_dn;
+    if (other == index || (beside.at.vec() - body.at.vec()).norm() > kReachPx || company.count == kMostBeside) return;
+    company.mixed |= brighter && beside.mixed;
+    if (beside.mixed || (brighter && beside.spot == kNone)) return;
+    if (brighter && (company.brightest == kNone || bodies_[company.brightest].flux_dn < beside.flux_dn))
+      company.brightest = other;
+    LightBeside& light = company.lights[company.count++];
+    light = {.at_px = beside.at.vec(),
+             .covariance_px2 = beside.covariance_px2,
+             .flux_dn = beside.flux_dn,
+             .flux_sigma = kBodyFluxSigma};
+    if (beside.spot != kNone) {
+      light.at_px = centroids_[beside.spot].pixel.vec();
+      light.covariance_px2 = centroids_[beside.spot].whole_covariance_px2();
+      light.flux_dn = centroids_[beside.spot].flux_dn;
+    }
+    if (other == body.partner) {
+      light.at_px = beside.at.vec() - body.at.vec();
+      light.from_body = true;
+      light.covariance_px2 = Mat2::Identity() * body.offset_sigma_px * body.offset_sigma_px;
+    }
+  };
+  if (body.partner != kNone) add_body(body.partner);
+  for (const std::size_t other : by_light_)
+    if (other != body.partner) add_body(other);
+  company.bodies = company.count;
+  add_stars(body, observer, company);
+  return company;
+}
+
+// As many as there is room for of the stars whose light reaches the body's own, those first that give it most.
+void Vision::add_stars(const Body& body, const Observer& observer, Company& company) {
+  constexpr double kStarReachPx = 12.0;  // a star of V 2 in this camera, by its halo
+  constexpr double kOfNoise = 0.3;       // in one pixel: some dozens add up
+  constexpr double kOfBody = 0.003;      // what no form of the point-spread function gets right
+  const double zero_point = identifier_.zero_point_mag();
+  const AttitudeSolution& attitude = result_.attitude;
+  const double sigma_px = std::sqrt(body.covariance_px2.trace());
+  if (!std::isfinite(zero_point) || sigma_px > kSurePx || attitude.mirrored) return;
+  const Result<Vec3> direction_C = unproject(attitude.intrinsics, body.at);
+  if (!direction_C) return;
+  constexpr double kAberrationRad = 2e-4;  // 60 km/s
+  const double reach_rad = kStarReachPx / attitude.intrinsics.fx_px + kAberrationRad;
+  const std::size_t found = field_.cone(attitude.R_CN.transpose() * *direction_C, reach_rad, near_);
+  const ApparentPlaces places(field_, observer);
+  const LocalPsf psf = finder_.psf().at(body.at);
+  const double s2 = psf.sigma_px() * psf.sigma_px(), h2 = std::pow(psf.value[LocalPsf::halo_width], 2),
+               halo = psf.value[LocalPsf::halo_share];
+  const auto light_at = [&](double flux, double r) {
+    return flux / (2.0 * kPi) * (std::exp(-0.5 * r * r / s2) / s2 + halo * std::exp(-0.5 * r * r / h2) / h2);
+  };
+  struct Ranked {
+    double light;
+    LightBeside star;
+  };
+  std::array<Ranked, kMostBeside> ranked{};
+  std::size_t count = 0;
+  const std::size_t room = kMostBeside - company.count;
+  if (room == 0) return;
+  for (std::size_t i = 0; i < found; ++i) {
+    const FieldStar& entry = field_.stars()[near_[i]];
+    PlanetPrediction star;
+    star.direction_N = places.of(entry);
+    const Result<PredictedPixel> place = predict_pixel(star, attitude);
+    if (!place) continue;
+    const double flux = std::pow(10.0, 0.4 * (zero_point - entry.v_mag));
+    const double apart = (place->pixel.vec() - body.at.vec()).norm();
+    const double nearest = std::max(0.0, apart - psf.reach_px() - sigma_px);
+    const double light = light_at(flux, nearest);
+    if (light < kOfNoise * result_.level.noise_dn || light < kOfBody * light_at(body.flux_dn, 0.0)) continue;
+    company.pull_px =
+        std::max(company.pull_px, flux / (flux + body.flux_dn) * apart * std::exp(-apart * apart / (8.0 * s2)));
+    if (count == room && light <= ranked[count - 1].light) continue;
+    std::size_t n = count < room ? count++ : room - 1;
+    for (; n > 0 && ranked[n - 1].light < light; --n) ranked[n] = ranked[n - 1];
+    ranked[n] = {light,
+                 {.at_px = place->pixel.vec(),
+                  .covariance_px2 = Mat2(place->covariance_px2 + Mat2::Identity() * kStarPlacePx * kStarPlacePx),
+                  .flux_dn = flux,
+                  .flux_sigma = kStarFluxSigma}};
+  }
+  for (std::size_t n = 0; n < count; ++n) company.lights[company.count++] = ranked[n].star;
+}
+
+// A body in one spot with others, or in their wings, is measured together with them: alone it would be off by more than
+// its covariance says, and be refused. The brightest of them first.
+void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer, std::size_t index) {
+  Body& body = bodies_[index];
+  const Company company = company_of(index, observer);
+  body.mixed = company.mixed;
+  if (company.count == 0 || body.mixed) return;
+  const auto pixel = [](const Vec2& at) { return Pixel{at.x(), at.y()}; };
+  const auto own = [&](std::size_t spot) {
+    for (const Body& other : bodies_)
+      if (&other != &body && other.spot == spot) return false;
+    return !is_star_[spot];
+  };
+  const double sigma_px = std::sqrt(body.covariance_px2.trace());
+  const bool sure = sigma_px < kSurePx;
+  std::array<Pixel, 5> guesses{body.at};
+  std::size_t count = sure ? 1 : 0;
+  if (company.bodies > 0 && company.brightest == kNone) {
+    // The spot that it must have is of it, or of all, and then lies between them.
+    const LightBeside& first = company.lights[0];
+    const Vec2 offset = first.from_body ? first.at_px : Vec2(first.at_px - body.at.vec());
+    const double near_px = std::max(kBlendedPx, 0.5 * offset.norm()) + 3.0 * sigma_px;
+    std::size_t chosen = kNone;
+    for (std::size_t i = 0; i < result_.centroids.size() && chosen == kNone; ++i) {
+      if (!own(i) || (centroids_[i].pixel.vec() - body.at.vec()).norm() > near_px) continue;
+      if (centroids_[i].saturated || as_bright(centroids_[i].flux_dn, body.flux_dn)) chosen = i;
+    }
+    if (chosen == kNone) return;
+    for (const double share : {0.0, 0.3, 0.6, 1.0})
+      guesses[count++] = pixel(centroids_[chosen].pixel.vec() - share * offset);
+    body.mixed = !finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn,
+                                         company.all(), centroids_[chosen]);
+    if (body.mixed) return;
+    body.spot = chosen;
+    if (!body.asked) is_star_[chosen] = 1;  // another planet
+    return;
+  }
+  const bool by_partner = company.brightest != kNone && company.brightest == body.partner;
+  if (company.brightest != kNone) {
+    const Body& bright = bodies_[company.brightest];
+    const Pixel by_offset = pixel(centroids_[bright.spot].pixel.vec() + body.at.vec() - bright.at.vec());
+    if (by_partner) count = 0;
+    guesses[count++] = by_offset;
+  }
+  Centroid measured;
+  bool good = count > 0 && finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn,
+                                                  company.all(), measured);
+  if (good && by_partner) {
+    // It was foretold from there: a fit that ends elsewhere has gone astray.
+    const double foretold_px = std::sqrt(2.0 * body.offset_sigma_px * body.offset_sigma_px +
+                                         centroids_[bodies_[body.partner].spot].covariance_px2.trace());
+    good = (measured.pixel.vec() - guesses[0].vec()).norm() < std::max(kAstrayPx, 4.0 * foretold_px);
+  } else if (good) {
+    const Vec2 off = measured.pixel.vec() - body.at.vec();
+    const Mat2 covariance = body.covariance_px2 + measured.whole_covariance_px2();
+    good = measured.snr > kPresentSnr && off.dot(covariance.inverse() * off) < settings_.planets.gate_d2;
+  }
+  if (!good) {
+    constexpr double kPulledPx = 0.1;
+    body.mixed = company.brightest != kNone || company.pull_px > kPulledPx;
+    return;
+  }
+  std::size_t spot = result_.centroids.size();
+  for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
+    if (own(i) && (centroids_[i].pixel.vec() - measured.pixel.vec()).norm() < kOwnSpotPx) spot = i;
+  }
+  if (spot == centroids_.size()) return;
+  if (spot == result_.centroids.size()) {
+    is_star_[spot] = 0;
+    result_.centroids = std::span<const Centroid>(centroids_.data(), spot + 1);
+  } else {
+    measured.peak_dn = centroids_[spot].peak_dn;
+    measured.pixels = centroids_[spot].pixels;
+  }
+  centroids_[spot] = measured;
+  body.spot = spot;
+  body.leans_on = company.brightest;
+}
+
+}  // namespace astronav::vision
