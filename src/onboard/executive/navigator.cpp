@@ -9,7 +9,11 @@
 namespace astronav::executive {
 
 Navigator::Navigator(const NavigatorSettings& settings, const Ephemeris& ephemeris, vision::Vision* eyes)
-    : settings_(settings), ephemeris_(&ephemeris), eyes_(eyes), filter_(settings.filter, ephemeris) {}
+    : settings_(settings),
+      ephemeris_(&ephemeris),
+      eyes_(eyes),
+      filter_(settings.filter, ephemeris),
+      stance_(settings.stance) {}
 
 Result<void> Navigator::start(const navigation::InitialState& initial) {
   thrust_ = kick_ = 0;
@@ -120,12 +124,6 @@ double Navigator::flux_dn(double v_mag, BodyId body) const {
   return bright.band.flux(v_mag, planet_b_v(body)).electrons_per_s * bright.exposure_s / bright.gain_e_dn;
 }
 
-// What points the camera is off by the same from one image to the next, but for its jitter.
-std::optional<Mat3> Navigator::expected_R_CN(Epoch epoch, const std::optional<Mat3>& commanded_R_CN) const {
-  if (!commanded_R_CN || !last_stand_ || epoch - last_stand_->epoch > settings_.filter.window_gap) return std::nullopt;
-  return last_stand_->R_found_commanded * *commanded_R_CN;
-}
-
 Result<Look> Navigator::watch(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon,
                               const std::optional<Mat3>& commanded_R_CN) {
   ASTRONAV_CHECK(eyes_ != nullptr);
@@ -137,10 +135,10 @@ Result<Look> Navigator::watch(ImageView<const std::uint16_t> frame, Epoch mid_ex
   look.prediction = *prediction;
   const State here = filter_.state();
   const vision::Observer observer{.epoch = mid_exposure, .p_O_N = here.p_m, .v_O_N = here.v_m_s};
-  const vision::FrameResult& seen =
-      eyes_->process(frame, observer, expected_R_CN(mid_exposure, commanded_R_CN), std::span(&look.prediction, 1));
-  if (commanded_R_CN && seen.source != vision::AttitudeSource::none)
-    last_stand_ = Stand{mid_exposure, seen.attitude.R_CN * commanded_R_CN->transpose()};
+  const auto expected_R_CN = stance_.expected_R_CN(mid_exposure, eyes_->camera(), commanded_R_CN);
+  const vision::FrameResult& seen = eyes_->process(frame, observer, expected_R_CN, std::span(&look.prediction, 1));
+  if (seen.source != vision::AttitudeSource::none) stance_.take(mid_exposure, seen.attitude, commanded_R_CN);
+  look.stance = stance_.report();
   look.frame = &seen;
   look.measured = seen.source != vision::AttitudeSource::none && seen.planets[0].found;
   if (!look.measured) return look;

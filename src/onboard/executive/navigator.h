@@ -6,6 +6,7 @@
 //   navigator.coast_to(window_begin);
 //   const auto beacons = navigator.select();          // which two planets to track
 //   navigator.aim(body, epoch);                       // where the camera must look
+//   navigator.sense(sample);                          // each of the gyro, where there is one
 //   navigator.look(frame, mid_exposure, body);        // image -> attitude -> planet -> filter
 //
 // Where no state is known to start with, ColdStart (cold_start.h) finds one.
@@ -22,6 +23,7 @@
 #include "models/ephemeris/ephemeris.h"
 #include "models/photometry/photometry.h"
 #include "onboard/executive/maneuvers.h"
+#include "onboard/executive/stance.h"
 #include "onboard/navigation/beacons.h"
 #include "onboard/navigation/filter.h"
 #include "onboard/vision/exposure.h"
@@ -43,6 +45,7 @@ struct NavigatorSettings {
   // Asked before each window; nullptr: always the exposure of `brightness`. Must outlive the navigator.
   const vision::ExposureControl* exposure = nullptr;
   Maneuvers maneuvers;
+  StanceSettings stance;
 };
 
 // What became of one frame.
@@ -52,6 +55,7 @@ struct Look {
   bool measured = false;                       // attitude and planet were found
   navigation::BeaconMeasurement measurement;
   navigation::UpdateResult update;  // where measured
+  StanceReport stance;
 };
 
 class Navigator {
@@ -72,13 +76,16 @@ class Navigator {
   Result<Vec3> aim(BodyId body, Epoch epoch);
 
   // One frame, its mid-exposure epoch, and the beacon that is being tracked. not-found attitude or planet is no error.
-  // `commanded_R_CN`: how the camera was told to stand. What was found of the last image, turned by what was commanded
-  // since, is where the stars are looked for; without it, and after a pause, nothing is known of the attitude.
+  // Where there is no gyro, `commanded_R_CN` (how the camera was told to stand) helps: what was found of the last
+  // image, turned by what was commanded since, is where the stars are looked for.
   Result<Look> look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon,
                     const std::optional<Mat3>& commanded_R_CN = {});
   // The same, but the filter does not use what is measured: for a start that is too rough to be updated.
   Result<Look> watch(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon,
                      const std::optional<Mat3>& commanded_R_CN = {});
+  // A sample of the gyro, in order, up to the one with the mid-exposure before the frame itself. Ignored where the
+  // settings know of no gyro.
+  void sense(const attitude::GyroSample& sample) { stance_.sense(sample); }
   // A measurement that somebody else made.
   navigation::UpdateResult use(const navigation::BeaconMeasurement& measurement);
 
@@ -91,19 +98,13 @@ class Navigator {
   Result<vision::PlanetPrediction> predict(BodyId beacon, Epoch epoch) const;
   void add_moon(vision::PlanetPrediction& prediction, Epoch emitted) const;
   double flux_dn(double v_mag, BodyId body) const;
-  std::optional<Mat3> expected_R_CN(Epoch epoch, const std::optional<Mat3>& commanded_R_CN) const;
 
   NavigatorSettings settings_;
   const Ephemeris* ephemeris_;
   vision::Vision* eyes_;
   navigation::Filter filter_;
   std::size_t thrust_ = 0, kick_ = 0;  // the next of each
-  // The last attitude that was found beside what was commanded then.
-  struct Stand {
-    Epoch epoch;
-    Mat3 R_found_commanded = Mat3::Identity();
-  };
-  std::optional<Stand> last_stand_;
+  Stance stance_;
 };
 
 }  // namespace astronav::executive
