@@ -295,6 +295,7 @@ TEST_F(CommandOutput, RunLeavesItsFilesAndTellsItsSummary) {
                       "nis_mean",
                       "nis_band_95",
                       "vision",
+                      "attitude_filter",
                       "time_ms_per_image",
                       "time_ms",
                       "peak_memory_mb",
@@ -314,6 +315,11 @@ TEST_F(CommandOutput, RunLeavesItsFilesAndTellsItsSummary) {
                  "planet_error_px_1sigma", "attitude_error_arcsec_1sigma"},
                 chapter_name);
   expect_fields(summary["vision"]["attitude_error_arcsec_1sigma"], {"cross", "roll"}, chapter_name);
+  expect_fields(summary["attitude_filter"],
+                {"by_prior_rate", "between_images_arcsec_1sigma", "after_slew_arcsec_1sigma", "nees_mean",
+                 "nees_band_95", "nis_mean", "nis_band_95", "gyro_bias_error_deg_h_1sigma", "restarts", "counts"},
+                chapter_name);
+  expect_fields(summary["attitude_filter"]["counts"], {"foretold", "slews", "accepted", "biases"}, chapter_name);
   expect_fields(summary["time_ms_per_image"], {"median", "p99"}, chapter_name);
   expect_fields(summary["time_ms"], {"render", "centroid", "identify", "planets", "propagate", "update"}, chapter_name);
   expect_fields(summary["start"],

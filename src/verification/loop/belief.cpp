@@ -101,6 +101,18 @@ Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& s, 
   return settings;
 }
 
+executive::StanceSettings stance_settings(const scenario::Scenario& s) {
+  executive::StanceSettings settings{.expects = s.onboard.vision.prior_attitude, .gyro = {}};
+  if (!s.truth.gyro.on) return settings;
+  constexpr double kDegreePerHour = kDegree / 3600.0, kRootHour = 60.0;
+  const scenario::OnboardGyro& belief = s.onboard.gyro;
+  settings.gyro.emplace().gyro = {
+      .angle_random_walk_rad_sqrt_s = belief.angle_random_walk_deg_sqrt_h * kDegree / kRootHour,
+      .bias_random_walk_rad_s_sqrt_s = belief.bias_random_walk_deg_h_sqrt_h * kDegreePerHour / kRootHour,
+      .bias_sigma_rad_s = belief.bias_sigma_deg_h * kDegreePerHour};
+  return settings;
+}
+
 navigation::BeaconSettings beacon_settings(const scenario::Scenario& s, const Camera& camera) {
   navigation::BeaconSettings settings;
   settings.sun_exclusion_rad = s.conops.sun_exclusion_deg * kDegree;

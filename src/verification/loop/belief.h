@@ -5,6 +5,7 @@
 #include "foundation/base/error.h"
 #include "models/camera/camera.h"
 #include "onboard/executive/cold_start.h"
+#include "onboard/executive/stance.h"
 #include "onboard/executive/timeline.h"
 #include "onboard/navigation/beacons.h"
 #include "onboard/navigation/filter.h"
@@ -23,6 +24,7 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& sce
                                                    Level level, double mass_kg = kBelievedMassKg);
 vision::VisionSettings vision_settings(const scenario::Scenario& scenario);
 Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& scenario, const Camera& camera);
+executive::StanceSettings stance_settings(const scenario::Scenario& scenario);
 // Candidates, limits, merit, and what the platform can do between two windows.
 navigation::BeaconSettings beacon_settings(const scenario::Scenario& scenario, const Camera& camera);
 executive::ColdStartSettings cold_start_settings(const scenario::Scenario& scenario,

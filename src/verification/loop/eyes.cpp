@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include <Eigen/Cholesky>
 #include <fmt/format.h>
 
 #include "foundation/math/rotation.h"
@@ -26,17 +27,29 @@ constexpr double kFalsePlanetPx = 3.0;
 constexpr double kWrongAttitudeRad = 60.0 * kArcsecond;
 constexpr double kWrongAttitudeSigma = 5.0;
 
-// Axes that hang on pixels: z through the image's centre, x towards its right, in camera axes C (columns).
-Result<Mat3> pixel_axes(const Intrinsics& camera) {
-  const Pixel middle{0.5 * (camera.width_px - 1), 0.5 * (camera.height_px - 1)};
-  const auto z = unproject(camera, middle);
-  const auto right = unproject(camera, {middle.u + 0.25 * camera.width_px, middle.v});
-  if (!z) return forward(z, "camera");
-  if (!right) return forward(right, "camera");
-  const Vec3 y = z->cross(*right).normalized();
-  Mat3 axes;
-  axes << y.cross(*z), y, *z;
-  return axes;
+// What the attitude filter foretold of an image, and what it knows of the gyro after it, against the truth.
+AttitudeRecord judge_stance(const executive::StanceReport& stance, const Pointing& pointing) {
+  AttitudeRecord record;
+  if (stance.foretold) {
+    record.foretold = true;
+    record.after_slew = pointing.after_slew();
+    record.error_rad = -rotation_log(pointing.R_PN() * stance.foretold->R_CN.transpose());
+    const Mat3& covariance = stance.foretold->covariance_rad2;
+    record.sigma_rad = covariance.diagonal().cwiseSqrt();
+    record.nees = record.error_rad.dot(covariance.llt().solve(record.error_rad));
+  }
+  if (stance.update) {
+    record.accepted = stance.update->accepted();
+    record.restarted = stance.update->verdict == attitude::AttitudeVerdict::gated;
+    record.nis = stance.update->nis;
+  }
+  const auto bias = pointing.gyro_bias_rad_s();
+  if (stance.after && bias) {
+    record.knows_bias = true;
+    record.bias_error_rad_s = *bias - stance.after->gyro_bias_rad_s;
+    record.bias_sigma_rad_s = stance.after->gyro_bias_sigma_rad_s;
+  }
+  return record;
 }
 
 }  // namespace
@@ -44,7 +57,7 @@ Result<Mat3> pixel_axes(const Intrinsics& camera) {
 Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& world, const Camera& believed,
                                            Epoch epoch) {
   std::unique_ptr<Eyes> eyes(new Eyes(world));
-  const auto true_axes = pixel_axes(world.camera().intrinsics);
+  const auto true_axes = executive::pixel_axes(world.camera().intrinsics);
   if (!true_axes) return forward(true_axes);
   eyes->true_axes_ = *true_axes;
   const scenario::OnboardVision& belief = s.onboard.vision;
@@ -98,16 +111,18 @@ Result<void> Eyes::survey(Event& event, Epoch clock, const State& truth_O, const
   return {};
 }
 
-Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN,
-                              const std::optional<Mat3>& commanded, BodyId beacon, const StreamId& noise,
-                              executive::Navigator& navigator, Records& records, bool keep_frame,
+Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, const Pointing& pointing, BodyId beacon,
+                              const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame,
                               executive::ColdStart* start) {
+  const Mat3& R_CN = pointing.R_CN();
   auto before = std::chrono::steady_clock::now();
   if (const auto ok = expose(event.epoch, truth_O, R_CN, navigator.exposure_s(), noise); !ok) return ok;
   records.stage_ms_sum.render += milliseconds_since(before);
 
   const Epoch tagged = tag(clock, noise);
   before = std::chrono::steady_clock::now();
+  for (const attitude::GyroSample& sample : pointing.gyro()) navigator.sense(sample);
+  const Mat3& commanded = pointing.commanded_R_CN();
   const auto look = start != nullptr ? navigator.watch(std::as_const(frame_).view(), tagged, beacon, commanded)
                                      : navigator.look(std::as_const(frame_).view(), tagged, beacon, commanded);
   if (!look) return forward(look);
@@ -121,16 +136,18 @@ Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, c
   records.stage_ms_sum.update += std::max(0.0, onboard_ms - stages.total);
   records.image_ms.push_back(onboard_ms);
   judge(event, *look, R_CN, beacon);
+  event.attitude = judge_stance(look->stance, pointing);
   if (keep_frame) records.frames.push_back(keep(event, *look));
   return {};
 }
 
 void Eyes::judge_attitude(Event& event, const vision::FrameResult& seen, const Mat3& R_CN) const {
   event.attitude_found = seen.source != vision::AttitudeSource::none;
+  event.by_prior = seen.source == vision::AttitudeSource::prior;
   if (event.attitude_found) {
     // R_CN_true = exp(-[theta]x) R_CN_found, both in the axes of the believed camera: a principal point that is not
     // where it is believed turns the axes, not the picture.
-    const auto believed_axes = pixel_axes(seen.attitude.intrinsics);
+    const auto believed_axes = executive::pixel_axes(seen.attitude.intrinsics);
     const Mat3 R_believed_true = believed_axes ? Mat3(*believed_axes * true_axes_.transpose()) : Mat3::Identity();
     event.attitude_error_rad = -rotation_log(R_believed_true * R_CN * seen.attitude.R_CN.transpose());
     event.attitude_sigma_rad = seen.attitude.covariance_rad2.diagonal().cwiseSqrt();

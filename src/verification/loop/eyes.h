@@ -5,7 +5,6 @@
 
 #include <cstddef>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include "foundation/base/error.h"
@@ -14,6 +13,7 @@
 #include "onboard/executive/navigator.h"
 #include "onboard/vision/exposure.h"
 #include "onboard/vision/vision.h"
+#include "verification/loop/pointing.h"
 #include "verification/loop/records.h"
 #include "verification/loop/world.h"
 #include "verification/scenario/scenario.h"
@@ -34,12 +34,10 @@ class Eyes {
   const vision::ExposureControl* exposure_control() const { return exposure_.get(); }
 
   // Takes the image of `event` (epoch and number are set), feeds it to the navigator and fills in what came of it.
-  // `clock`: what the onboard clock shows at mid-exposure. `commanded`: how the camera was told to stand,
-  // where the onboard software is told that. `start`: gets what is measured instead of the filter; or
+  // `clock`: what the onboard clock shows at mid-exposure. `start`: gets what is measured instead of the filter; or
   // nullptr.
-  Result<void> photograph(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN,
-                          const std::optional<Mat3>& commanded, BodyId beacon, const StreamId& noise,
-                          executive::Navigator& navigator, Records& records, bool keep_frame,
+  Result<void> photograph(Event& event, Epoch clock, const State& truth_O, const Pointing& pointing, BodyId beacon,
+                          const StreamId& noise, executive::Navigator& navigator, Records& records, bool keep_frame,
                           executive::ColdStart* start = nullptr);
   // A picture of a survey: no place is known, and no planet is predicted.
   Result<void> survey(Event& event, Epoch clock, const State& truth_O, const Mat3& R_CN, double exposure_s,

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <iterator>
+#include <string>
 #include <utility>
 
 #include <fmt/format.h>
@@ -29,6 +30,25 @@ std::string_view name(EventKind kind) {
   return "";
 }
 
+namespace {
+
+// Of an image: what the attitude filter knew of it; empty fields for what it did not.
+std::string attitude_columns(const Event& e) {
+  const AttitudeRecord& a = e.attitude;
+  const auto three = [](bool known, const Vec3& v, double scale) {
+    return known ? fmt::format(",{:.4f},{:.4f},{:.4f}", v.x() * scale, v.y() * scale, v.z() * scale) : ",,,";
+  };
+  std::string out = fmt::format(",{:d}", e.by_prior);
+  out += three(a.foretold, a.error_rad, 1.0 / kArcsecond) + three(a.foretold, a.sigma_rad, 1.0 / kArcsecond);
+  out += a.foretold ? fmt::format(",{:.4f},{:d}", a.nees, a.after_slew) : ",,";
+  out += a.accepted || a.restarted ? fmt::format(",{:.4f},{:d}", a.nis, a.restarted) : ",,";
+  const double degrees_an_hour = 3600.0 / kDegree;
+  return out + three(a.knows_bias, a.bias_error_rad_s, degrees_an_hour) +
+         three(a.knows_bias, a.bias_sigma_rad_s, degrees_an_hour);
+}
+
+}  // namespace
+
 std::string records_csv(const Records& records) {
   static constexpr const char* kHeader =
       "epoch_tdb,days,kind,cycle,window,image,body,"
@@ -41,7 +61,12 @@ std::string records_csv(const Records& records) {
       "planet_error_u_px,planet_error_v_px,planet_sigma_u_px,planet_sigma_v_px,"
       "attitude_error_x_arcsec,attitude_error_y_arcsec,attitude_error_z_arcsec,"
       "attitude_sigma_x_arcsec,attitude_sigma_y_arcsec,attitude_sigma_z_arcsec,"
-      "stars_matched,spots,centroid_rms_px\n";
+      "stars_matched,spots,centroid_rms_px,attitude_by_prior,"
+      "foretold_error_x_arcsec,foretold_error_y_arcsec,foretold_error_z_arcsec,"
+      "foretold_sigma_x_arcsec,foretold_sigma_y_arcsec,foretold_sigma_z_arcsec,foretold_nees,"
+      "foretold_after_slew,attitude_nis,attitude_restarted,"
+      "gyro_bias_error_x_deg_h,gyro_bias_error_y_deg_h,gyro_bias_error_z_deg_h,"
+      "gyro_bias_sigma_x_deg_h,gyro_bias_sigma_y_deg_h,gyro_bias_sigma_z_deg_h\n";
   fmt::memory_buffer out;
   const auto to = std::back_inserter(out);
   fmt::format_to(to, "{}", kHeader);
@@ -55,10 +80,10 @@ std::string records_csv(const Records& records) {
     three(e.truth.p_m, 1e-3, ",{:.6f}");
     three(e.truth.v_m_s, 1e-3, ",{:.9f}");
     if (e.kind == EventKind::survey_image) {
-      // No estimate yet, and no planet that anybody looked for.
-      const std::string no_estimate(20, ','), no_planet(19, ',');
-      fmt::format_to(to, "{}{:d},{:d}{}{},{},\n", no_estimate, e.attitude_found, e.attitude_wrong, no_planet,
-                     e.stars_matched, e.spots);
+      // No estimate yet, no planet that anybody looked for, and no gyro.
+      const std::string no_estimate(20, ','), no_planet(19, ','), no_gyro(17, ',');
+      fmt::format_to(to, "{}{:d},{:d}{}{},{},{}\n", no_estimate, e.attitude_found, e.attitude_wrong, no_planet,
+                     e.stars_matched, e.spots, no_gyro);
       continue;
     }
     three(e.estimate.p_m, 1e-3, ",{:.6f}");
@@ -81,8 +106,9 @@ std::string records_csv(const Records& records) {
       if (e.centroid_error_count > 0) {
         fmt::format_to(to, "{:.5f}", std::sqrt(e.centroid_error_sum2_px2 / e.centroid_error_count));
       }
+      fmt::format_to(to, "{}", attitude_columns(e));
     } else {
-      fmt::format_to(to, ",,,,,,,,,,,,,,,,,,,,,,,");
+      fmt::format_to(to, "{}", std::string(40, ','));
     }
     fmt::format_to(to, "\n");
   }

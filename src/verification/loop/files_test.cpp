@@ -14,7 +14,9 @@ namespace astronav::loop {
 namespace {
 
 TEST(Files, EveryRowOfTheRecordsHasEveryColumn) {
-  const Records records = astronav::testing::synthetic_records({.cycles = 4, .images_per_window = 3});
+  Records records = astronav::testing::synthetic_records({.cycles = 4, .images_per_window = 3});
+  records.events[1].attitude = {.foretold = true, .accepted = true, .knows_bias = true};
+  records.events[2].kind = EventKind::survey_image;
   std::istringstream csv(records_csv(records));
   std::string line;
   std::getline(csv, line);

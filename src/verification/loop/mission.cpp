@@ -8,7 +8,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include "foundation/math/random.h"
 #include "foundation/math/statistics.h"
@@ -16,8 +15,11 @@
 #include "onboard/executive/timeline.h"
 #include "verification/loop/awakening.h"
 #include "verification/loop/belief.h"
+#include "verification/loop/briefing.h"
 #include "verification/loop/eyes.h"
 #include "verification/loop/forecast.h"
+#include "verification/loop/logbook.h"
+#include "verification/loop/pointing.h"
 #include "verification/loop/world.h"
 
 namespace astronav::loop {
@@ -29,87 +31,67 @@ double milliseconds_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-double peak_memory_mb() {
-  struct rusage usage {};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
-}
-
-const char* name(Level level) {
-  switch (level) {
-    case Level::cov:
-      return "cov";
-    case Level::mil:
-      return "mil";
-    case Level::sil:
-      return "sil";
-  }
-  return "";
-}
-
 // One mission in flight: the truth on one side, the navigator on the other, the records between them.
 class Flight {
  public:
   Flight(const scenario::Scenario& scenario, const FlyOptions& options, World& world, const Camera& believed_camera)
-      : scenario_(scenario), options_(options), world_(world), believed_camera_(believed_camera) {}
+      : scenario_(scenario),
+        options_(options),
+        world_(world),
+        believed_camera_(believed_camera),
+        briefing_(scenario, options, world) {}
 
   Result<Records> fly();
 
  private:
+  Result<void> prepare();
   Result<void> start(const Epoch& epoch);
   Result<void> prepare_awakening(const navigation::FilterSettings& filter);
   Result<void> fly_cycle(int cycle);
   Result<BodyId> fly_windows(int cycle);
   Result<void> fly_window(int cycle, int window, BodyId beacon);
-  Result<void> take_image(int cycle, int window, Epoch mid_exposure, BodyId beacon, double roll_rad);
+  Result<void> take_image(int cycle, int window, Epoch mid_exposure, BodyId beacon);
   Result<void> coast(int cycle);
 
   Result<Event> event(EventKind kind, Epoch epoch, int cycle, int window, BodyId body) const;
   Result<void> record(EventKind kind, int cycle, int window, BodyId body);
-  Result<void> record_beacons(int cycle, const navigation::BeaconSelection& selection, BodyId first, BodyId second);
-  void record_orbits(Epoch begin, Epoch end);
   bool worth_keeping(const Event& image) const;
-  // Where the onboard software wants the camera to look, dithered; and by how much it does not.
-  Mat3 commanded_attitude(const Vec3& aim_N, double roll_rad, int image) const;
-  Mat3 jitter(int image) const;
-  double believed_mass_kg() const;
-  executive::Maneuvers known_maneuvers();
   void progress(const executive::Timeline& timeline, int cycle, int window, int k, BodyId beacon) const;
 
-  Result<void> measure(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);     // mil
-  Result<void> photograph(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);  // sil
-  Result<void> expect(Event& event, const State& truth, const Mat3& R_CN, BodyId beacon);      // cov
+  Result<void> measure(Event& event, const State& truth, BodyId beacon);     // mil
+  Result<void> photograph(Event& event, const State& truth, BodyId beacon);  // sil
+  Result<void> expect(Event& event, const State& truth, BodyId beacon);      // cov
   void use(Event& event, const navigation::BeaconMeasurement& measurement);
 
   const scenario::Scenario& scenario_;
   const FlyOptions& options_;
   World& world_;
   const Camera& believed_camera_;
-  std::vector<executive::ThrustCommand> commands_;
-  std::vector<executive::Kick> kicks_;
+  Briefing briefing_;
   std::unique_ptr<Eyes> eyes_;
   std::unique_ptr<Forecast> forecast_;
   std::unique_ptr<executive::Navigator> navigator_;
   std::unique_ptr<executive::Timeline> timeline_;
-  Mat3 commanded_R_CN_ = Mat3::Identity();  // for the next image
-  std::unique_ptr<Awakening> awakening_;    // until there is a state, where none was told
+  std::optional<Pointing> pointing_;
+  std::unique_ptr<Awakening> awakening_;  // until there is a state, where none was told
   Records records_;
 };
 
-Result<Records> Flight::fly() {
-  const auto started = Clock::now();
-  const auto filter = filter_settings(scenario_, believed_camera_, options_.level, believed_mass_kg());
+Result<void> Flight::prepare() {
+  const auto filter = filter_settings(scenario_, believed_camera_, options_.level, briefing_.mass_kg());
   if (!filter) return forward(filter);
   const auto cycle = cycle_settings(scenario_);
   if (!cycle) return forward(cycle);
-  const Epoch begin = world_.trajectory().begin();
-  const Epoch end = world_.trajectory().end();
+  const Epoch begin = world_.trajectory().begin(), end = world_.trajectory().end();
   const Epoch first = begin + Duration::days(scenario_.conops.first_window_day);
   timeline_ = std::make_unique<executive::Timeline>(*cycle, first, end);
   if (timeline_->cycles() == 0) {
     return fail(ErrorCode::invalid_argument, "the trajectory spans {0} days: too short for a single navigation cycle",
                 {(end - begin).days()}, "mission");
   }
+  auto pointing = Pointing::create(scenario_, options_, world_, believed_camera_);
+  if (!pointing) return forward(pointing);
+  pointing_.emplace(std::move(*pointing));
   if (options_.level == Level::sil) {
     auto eyes = Eyes::create(scenario_, world_, believed_camera_, first);
     if (!eyes) return forward(eyes);
@@ -121,14 +103,23 @@ Result<Records> Flight::fly() {
     forecast_ = std::move(*forecast);
   }
   const executive::NavigatorSettings settings{
-      *filter, beacon_settings(scenario_, believed_camera_),
+      *filter,
+      beacon_settings(scenario_, believed_camera_),
       executive::BrightnessSettings{BandPhotometry(believed_camera_), believed_camera_.exposure_s,
                                     believed_camera_.detector.gain_e_dn},
-      eyes_ ? eyes_->exposure_control() : nullptr, known_maneuvers()};
+      eyes_ ? eyes_->exposure_control() : nullptr,
+      briefing_.maneuvers(),
+      stance_settings(scenario_)};
   navigator_ =
       std::make_unique<executive::Navigator>(settings, world_.onboard_ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
   const bool from_nothing = scenario_.onboard.start.from == "survey" && options_.level != Level::cov;
-  if (const auto ok = from_nothing ? prepare_awakening(*filter) : start(begin); !ok) return forward(ok);
+  return from_nothing ? prepare_awakening(*filter) : start(begin);
+}
+
+Result<Records> Flight::fly() {
+  const auto started = Clock::now();
+  if (const auto ok = prepare(); !ok) return forward(ok);
+  const Epoch begin = world_.trajectory().begin();
   const int cycles =
       options_.most_cycles > 0 ? std::min(options_.most_cycles, timeline_->cycles()) : timeline_->cycles();
   for (int c = 0; c < cycles; ++c) {
@@ -140,69 +131,31 @@ Result<Records> Flight::fly() {
                 {static_cast<double>(cycles)}, "onboard.start.from", describe(why));
   }
   records_.cycles = cycles;
-  records_.duration_days = (end - begin).days();
   records_.begin = begin;
-  records_.end = end;
-  record_orbits(begin, end);
-  records_.level = name(options_.level);
-  records_.seed = options_.seed;
-  records_.sample = options_.sample;
-  records_.version = ASTRONAV_VERSION;
-  records_.scenario_toml = scenario::to_toml(
-      scenario_,
-      {.version = records_.version, .level = records_.level, .seed = options_.seed, .sample = options_.sample});
-  records_.peak_memory_mb = peak_memory_mb();
+  records_.end = world_.trajectory().end();
+  records_.duration_days = (records_.end - begin).days();
+  record_orbits(world_.ephemeris(), records_);
+  sign(scenario_, options_, records_);
   records_.wall_s = milliseconds_since(started) * 1e-3;
   if (options_.progress) options_.progress(1.0, "arrived");
   return std::move(records_);
 }
 
-double Flight::believed_mass_kg() const {
-  return world_.thrust_plan().arcs.empty() ? kBelievedMassKg : world_.thrust_plan().mass_kg;
-}
-
-// The thrust as planned, and kicks as the onboard software hears of them.
-executive::Maneuvers Flight::known_maneuvers() {
-  for (const ThrustArc& arc : world_.thrust_plan().arcs)
-    commands_.push_back({arc.begin, arc.end, {arc.force_n, arc.specific_impulse_s, arc.direction_N}});
-  const scenario::OnboardFilter& belief = scenario_.onboard.filter;
-  if (belief.knows_unloading) {
-    RandomStream stream({.seed = options_.seed, .sample = options_.sample, .purpose = "reported kicks"});
-    for (const dynamics::Kick& kick : world_.kicks()) {
-      const double sigma_m_s = belief.unloading_error_relative * kick.delta_v_N_m_s.norm();
-      const Vec3 error(stream.normal(0.0, sigma_m_s), stream.normal(0.0, sigma_m_s), stream.normal(0.0, sigma_m_s));
-      kicks_.push_back({kick.begin, kick.delta_v_N_m_s + error, sigma_m_s});
-    }
-  }
-  return {commands_, kicks_};
-}
-
 Result<void> Flight::start(const Epoch& epoch) {
+  const auto initial = briefing_.first_state(epoch);
   const auto truth = world_.truth_from_onboard_origin(epoch);
+  if (!initial) return forward(initial);
   if (!truth) return forward(truth);
-  const scenario::OnboardFilter& belief = scenario_.onboard.filter;
-  const double sigma_p = belief.initial_position_sigma_km * 1e3;
-  const double sigma_v = belief.initial_velocity_sigma_km_s * 1e3;
-  RandomStream stream({.seed = options_.seed, .sample = options_.sample, .purpose = "initial error"});
-  navigation::InitialState initial;
-  initial.epoch = epoch;
-  initial.state = *truth;
-  if (options_.level != Level::cov) {
-    for (int i = 0; i < 3; ++i) initial.state.p_m[i] += stream.normal(0.0, sigma_p);
-    for (int i = 0; i < 3; ++i) initial.state.v_m_s[i] += stream.normal(0.0, sigma_v);
-  }
-  initial.covariance.diagonal() << Vec3::Constant(sigma_p * sigma_p), Vec3::Constant(sigma_v * sigma_v);
-  initial.mass_kg = believed_mass_kg();
-  records_.start.error << initial.state.p_m - truth->p_m, initial.state.v_m_s - truth->v_m_s;
-  records_.start.covariance = initial.covariance;
-  return navigator_->start(initial);
+  records_.start.error << initial->state.p_m - truth->p_m, initial->state.v_m_s - truth->v_m_s;
+  records_.start.covariance = initial->covariance;
+  return navigator_->start(*initial);
 }
 
 Result<void> Flight::prepare_awakening(const navigation::FilterSettings& filter) {
   records_.start.from = "survey";
   auto awakening =
       Awakening::create(scenario_, options_, world_, believed_camera_, eyes_.get(), *timeline_,
-                        cold_start_settings(scenario_, filter, believed_mass_kg(), timeline_->images_per_window()));
+                        cold_start_settings(scenario_, filter, briefing_.mass_kg(), timeline_->images_per_window()));
   if (!awakening) return forward(awakening);
   awakening_ = std::move(*awakening);
   return {};
@@ -238,7 +191,8 @@ Result<BodyId> Flight::fly_windows(int cycle) {
   } else if (const auto* single = selection->best_single()) {
     beacons[0] = beacons[1] = single->body;
   }
-  if (const auto ok = record_beacons(cycle, *selection, beacons[0], beacons[1]); !ok) return forward(ok);
+  records_.beacons.push_back(
+      beacon_choice(cycle, timeline_->window_begin(cycle, 0), *selection, beacons[0], beacons[1]));
   for (int window = 0; window < 2; ++window) {
     if (beacons[window] != BodyId{}) {
       if (const auto ok = fly_window(cycle, window, beacons[window]); !ok) return forward(ok);
@@ -260,11 +214,7 @@ Result<void> Flight::coast(int cycle) {
 }
 
 Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
-  RandomStream stream({.seed = options_.seed,
-                       .sample = options_.sample,
-                       .image = static_cast<std::uint64_t>(2 * cycle + window),
-                       .purpose = "roll of a window"});
-  const double roll = options_.level == Level::cov ? 0.0 : stream.uniform(0.0, 2.0 * kPi);
+  pointing_->begin_window(cycle, window);
   const Epoch first = timeline_->image_epoch(cycle, window, 0);
   if (const auto ok = navigator_->prepare_window(beacon, onboard_clock(scenario_, first)); !ok) return ok;
   if (forecast_) {
@@ -274,21 +224,19 @@ Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
   }
   for (int k = 0; k < timeline_->images_per_window(); ++k) {
     progress(*timeline_, cycle, window, k, beacon);
-    if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon, roll); !ok)
-      return ok;
+    if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon); !ok) return ok;
   }
   return {};
 }
 
-Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyId beacon, double roll_rad) {
+Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyId beacon) {
   const auto truth = world_.trajectory().state(mid_exposure);
   if (!truth) return forward(truth);
   const auto before = Clock::now();
   const auto aim = navigator_->aim(beacon, onboard_clock(scenario_, mid_exposure));
   records_.stage_ms_sum.propagate += milliseconds_since(before);
   if (!aim) return forward(aim);
-  commanded_R_CN_ = commanded_attitude(*aim, roll_rad, records_.images);
-  const Mat3 R_CN = jitter(records_.images) * commanded_R_CN_;
+  pointing_->point(*aim, mid_exposure, records_.images);
   Event image;
   image.kind = EventKind::image;
   image.epoch = mid_exposure;
@@ -296,9 +244,9 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   image.window = window;
   image.body = beacon;
   image.image = records_.images++;
-  const auto done = options_.level == Level::cov   ? expect(image, *truth, R_CN, beacon)
-                    : options_.level == Level::mil ? measure(image, *truth, R_CN, beacon)
-                                                   : photograph(image, *truth, R_CN, beacon);
+  const auto done = options_.level == Level::cov   ? expect(image, *truth, beacon)
+                    : options_.level == Level::mil ? measure(image, *truth, beacon)
+                                                   : photograph(image, *truth, beacon);
   if (!done) return done;
   const auto after = event(EventKind::image, mid_exposure, cycle, window, beacon);
   if (!after) return forward(after);
@@ -310,10 +258,10 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   return {};
 }
 
-Result<void> Flight::measure(Event& image, const State& truth, const Mat3& R_CN, BodyId beacon) {
+Result<void> Flight::measure(Event& image, const State& truth, BodyId beacon) {
   const auto planet = world_.planet(beacon, image.epoch, truth);
   if (!planet) return forward(planet);
-  const auto pixel = project(believed_camera_.intrinsics, R_CN * planet->direction_N);
+  const auto pixel = project(believed_camera_.intrinsics, pointing_->R_CN() * planet->direction_N);
   if (!pixel) return forward(pixel);
   // Noise as an angle on the sky, per axis. A perfect sight still needs a sigma to be weighed with.
   const double sigma_rad = scenario_.mil.line_of_sight_noise_arcsec * kArcsecond;
@@ -331,14 +279,15 @@ Result<void> Flight::measure(Event& image, const State& truth, const Mat3& R_CN,
   m.mid_exposure = onboard_clock(scenario_, image.epoch);
   m.pixel = {pixel->u + noise.x(), pixel->v + noise.y()};
   m.pixel_covariance_px2 = std::max(sigma_px * sigma_px, floor_px * floor_px) * Mat2::Identity();
+  const Mat3& R_CN = pointing_->R_CN();
   m.R_CN = awakening_ ? attitude_among_stars(R_CN, truth.v_m_s, navigator_->filter().state().v_m_s) : R_CN;
   use(image, m);
   image.planet_error_px = noise;
   return {};
 }
 
-Result<void> Flight::expect(Event& image, const State& truth, const Mat3& R_CN, BodyId beacon) {
-  const auto m = forecast_->measure(beacon, image.epoch, truth, R_CN);
+Result<void> Flight::expect(Event& image, const State& truth, BodyId beacon) {
+  const auto m = forecast_->measure(beacon, image.epoch, truth, pointing_->R_CN());
   if (!m) return forward(m);
   use(image, *m);
   image.attitude_sigma_rad = m->attitude_covariance_rad2.diagonal().cwiseSqrt();
@@ -365,16 +314,13 @@ void Flight::use(Event& image, const navigation::BeaconMeasurement& m) {
   image.planet_sigma_px = m.pixel_covariance_px2.diagonal().cwiseSqrt();
 }
 
-Result<void> Flight::photograph(Event& image, const State& truth, const Mat3& R_CN, BodyId beacon) {
+Result<void> Flight::photograph(Event& image, const State& truth, BodyId beacon) {
   const StreamId noise{.seed = options_.seed,
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(image.image),
                        .purpose = "frame"};
-  const std::optional<Mat3> commanded =
-      scenario_.onboard.vision.prior_attitude ? std::optional<Mat3>(commanded_R_CN_) : std::nullopt;
-  return eyes_->photograph(image, onboard_clock(scenario_, image.epoch), truth, R_CN, commanded, beacon, noise,
-                           *navigator_, records_, worth_keeping(image),
-                           awakening_ ? &awakening_->cold_start() : nullptr);
+  return eyes_->photograph(image, onboard_clock(scenario_, image.epoch), truth, *pointing_, beacon, noise, *navigator_,
+                           records_, worth_keeping(image), awakening_ ? &awakening_->cold_start() : nullptr);
 }
 
 // Pictures for the report: from the middle of windows spread over the mission, first and second beacon in turn.
@@ -384,26 +330,6 @@ bool Flight::worth_keeping(const Event& image) const {
   const int cycle = kept * timeline_->cycles() / options_.keep_frames;
   const int in_window = image.image % timeline_->images_per_window();
   return image.cycle >= cycle && image.window == kept % 2 && in_window == timeline_->images_per_window() / 2;
-}
-
-Mat3 Flight::commanded_attitude(const Vec3& aim_N, double roll_rad, int image) const {
-  RandomStream stream({.seed = options_.seed,
-                       .sample = options_.sample,
-                       .image = static_cast<std::uint64_t>(image),
-                       .purpose = "pointing"});
-  const double sigma = scenario_.conops.dither_px * believed_camera_.intrinsics.plate_scale_rad_px();
-  const Vec3 offset(stream.normal(0.0, sigma), stream.normal(0.0, sigma), 0.0);
-  const RaDec at = radec_from_direction(aim_N);
-  return rotation_exp(offset) * R_CN_from_pointing({at.ra_rad, at.dec_rad, roll_rad});
-}
-
-Mat3 Flight::jitter(int image) const {
-  RandomStream stream({.seed = options_.seed,
-                       .sample = options_.sample,
-                       .image = static_cast<std::uint64_t>(image),
-                       .purpose = "jitter"});
-  const double sigma = scenario_.truth.pointing.jitter_arcsec * kArcsecond;
-  return rotation_exp({stream.normal(0.0, sigma), stream.normal(0.0, sigma), stream.normal(0.0, sigma)});
 }
 
 Result<Event> Flight::event(EventKind kind, Epoch epoch, int cycle, int window, BodyId body) const {
@@ -429,36 +355,6 @@ Result<void> Flight::record(EventKind kind, int cycle, int window, BodyId body) 
   if (!e) return forward(e);
   records_.events.push_back(std::move(*e));
   return {};
-}
-
-Result<void> Flight::record_beacons(int cycle, const navigation::BeaconSelection& selection, BodyId first,
-                                    BodyId second) {
-  BeaconChoice choice;
-  choice.cycle = cycle;
-  choice.epoch = timeline_->window_begin(cycle, 0);
-  choice.first = first;
-  choice.second = second;
-  if (selection.pair_count > 0) choice.figure_of_merit_km = selection.pairs()[0].figure_of_merit_m * 1e-3;
-  for (const navigation::BeaconCandidate& c : selection.candidates()) {
-    choice.candidates.push_back({.body = c.body,
-                                 .v_mag = c.v_magnitude,
-                                 .sun_elongation_deg = c.sun_elongation_rad / kDegree,
-                                 .distance_km = c.distance_m * 1e-3,
-                                 .visible = c.usable(),
-                                 .why_not = c.usable() ? "" : navigation::name(c.verdict)});
-  }
-  records_.beacons.push_back(std::move(choice));
-  return {};
-}
-
-void Flight::record_orbits(Epoch begin, Epoch end) {
-  for (int planet = 1; planet <= 8; ++planet) {
-    for (int i = 0; i <= 150; ++i) {
-      const Epoch t = begin + Duration::seconds((end - begin).seconds() * i / 150.0);
-      const auto place = world_.ephemeris().state(BodyId{planet}, body::sun, t);
-      if (place) records_.planet_tracks_m[planet].push_back(place->p_m);
-    }
-  }
 }
 
 void Flight::progress(const executive::Timeline& timeline, int cycle, int window, int k, BodyId beacon) const {

@@ -24,6 +24,22 @@ enum class EventKind : unsigned char {
   coast_sample,  // a point in between, for plots only
 };
 
+// What the attitude filter knew of an image: of its attitude before it was looked at, in axes that hang on pixels, and
+// of the gyro's bias after it. Errors are truth minus estimate (R_true = exp(-[error]x) R_estimate).
+struct AttitudeRecord {
+  bool foretold = false;
+  bool after_slew = false;  // foretold through the slew between two windows
+  Vec3 error_rad = Vec3::Zero();
+  Vec3 sigma_rad = Vec3::Zero();
+  double nees = 0.0;       // of three degrees
+  bool accepted = false;   // the frame's attitude, by the filter
+  bool restarted = false;  // it was not: the filter began anew
+  double nis = 0.0;        // of three degrees
+  bool knows_bias = false;
+  Vec3 bias_error_rad_s = Vec3::Zero();
+  Vec3 bias_sigma_rad_s = Vec3::Zero();
+};
+
 // One row of records.csv. Estimates are those after the event.
 struct Event {
   EventKind kind = EventKind::image;
@@ -40,6 +56,7 @@ struct Event {
   // image only
   bool attitude_found = false;
   bool attitude_wrong = false;  // found, but off by more than 5 sigma and 60 arcsec
+  bool by_prior = false;        // found where it was expected; otherwise lost in space
   bool planet_found = false;    // a spot was accepted as the planet
   bool planet_false = false;    // ... and it was not the planet (more than 3 px off)
   bool accepted = false;        // the filter took the measurement
@@ -55,6 +72,7 @@ struct Event {
   int spots = 0;
   double centroid_error_sum2_px2 = 0.0;  // over matched stars, both axes
   int centroid_error_count = 0;          // axes summed
+  AttitudeRecord attitude;               // of a spacecraft with a gyro
 };
 
 struct StageTimes {  // milliseconds; sums over `count`

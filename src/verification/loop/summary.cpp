@@ -12,6 +12,8 @@
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
+#include "verification/loop/attitude_summary.h"
+
 namespace astronav::loop {
 namespace {
 
@@ -239,6 +241,8 @@ Summary summarize(const Records& records) {
   s.vision.attitude_cross_arcsec_1sigma = pictures ? root_mean(cross2, 2.0 * attitudes) / kArcsecond : kNan;
   s.vision.attitude_roll_arcsec_1sigma = pictures ? root_mean(roll2, attitudes) / kArcsecond : kNan;
 
+  s.attitude_filter = summarize_attitude_filter(records);
+
   s.image_ms_median = median(records.image_ms);
   s.image_ms_p99 = quantile(records.image_ms, 0.99);
   const StageTimes& t = records.stage_ms_sum;
@@ -382,6 +386,8 @@ Summary pool(std::span<const Summary> runs) {
   s.vision.attitude_roll_arcsec_1sigma = weighted_rms(
       runs, [](const Summary& r) { return r.vision.attitude_roll_arcsec_1sigma; }, attitudes);
 
+  s.attitude_filter = pool_attitude_filter(runs);
+
   std::vector<double> medians;
   for (const Summary& r : runs) {
     if (!std::isnan(r.image_ms_median)) medians.push_back(r.image_ms_median);
@@ -485,6 +491,7 @@ std::string to_json(const Summary& s, int indent) {
         {"planet_error_px_1sigma", s.vision.planet_error_px_1sigma},
         {"attitude_error_arcsec_1sigma",
          {{"cross", s.vision.attitude_cross_arcsec_1sigma}, {"roll", s.vision.attitude_roll_arcsec_1sigma}}}}},
+      {"attitude_filter", attitude_filter_json(s.attitude_filter)},
       {"time_ms_per_image", {{"median", s.image_ms_median}, {"p99", s.image_ms_p99}}},
       {"time_ms",
        {{"render", s.stage_ms.render},
@@ -535,6 +542,7 @@ Result<Summary> summary_from_json(std::string_view text, std::string_view name_f
     s.vision.planet_error_px_1sigma = real(v.at("planet_error_px_1sigma"));
     s.vision.attitude_cross_arcsec_1sigma = real(v.at("attitude_error_arcsec_1sigma").at("cross"));
     s.vision.attitude_roll_arcsec_1sigma = real(v.at("attitude_error_arcsec_1sigma").at("roll"));
+    s.attitude_filter = attitude_filter_from(j.at("attitude_filter"));
     s.image_ms_median = real(j.at("time_ms_per_image").at("median"));
     s.image_ms_p99 = real(j.at("time_ms_per_image").at("p99"));
     const Json& t = j.at("time_ms");
@@ -653,6 +661,8 @@ std::string to_text(const Summary& s) {
                        figure(s.vision.centroid_error_px_1sigma, "px"), figure(s.vision.planet_error_px_1sigma, "px"),
                        figure(s.vision.attitude_cross_arcsec_1sigma, "arcsec"),
                        figure(s.vision.attitude_roll_arcsec_1sigma, "arcsec"));
+    if (const std::string attitude = attitude_filter_in_words(s.attitude_filter); !attitude.empty())
+      out += attitude + "\n";
     out += fmt::format("  {} an image onboard (99 %: {}); ", figure(s.image_ms_median, "ms"),
                        figure(s.image_ms_p99, "ms"));
   } else {

@@ -47,6 +47,22 @@ struct VisionSummary {
   double attitude_roll_arcsec_1sigma = 0.0;
 };
 
+// The attitude filter of a spacecraft with a gyro: what it foretold of images before they were looked at. Per axis, 1
+// sigma; NaN without a gyro.
+struct AttitudeFilterSummary {
+  double by_prior_rate = 0.0;  // attitudes found where they were foretold, over all images; without a gyro: by command
+  double cross_arcsec_1sigma = 0.0, roll_arcsec_1sigma = 0.0;            // from image to image of a window
+  double slew_cross_arcsec_1sigma = 0.0, slew_roll_arcsec_1sigma = 0.0;  // at the end of the slew between two windows
+  double nees_mean = 0.0;                                                // 3 degrees of freedom, all that was foretold
+  Band nees_band_95;      // images counted as independent: what two share, the gyro's bias, soon is little
+  double nis_mean = 0.0;  // 3 degrees of freedom, accepted attitudes
+  Band nis_band_95;
+  double bias_error_deg_h_1sigma = 0.0;  // of the gyro, after the last image of each cycle
+  int restarts = 0;
+  // What the figures rest on.
+  int foretold = 0, slews = 0, accepted = 0, biases = 0;
+};
+
 // How the mission came to its first state; lengths of vectors, 1 sigma. NaN where there was no survey.
 struct StartSummary {
   std::string from = "prior";
@@ -79,6 +95,7 @@ struct Summary {
   Band nis_band_95;
 
   VisionSummary vision;
+  AttitudeFilterSummary attitude_filter;
 
   double image_ms_median = 0.0;
   double image_ms_p99 = 0.0;

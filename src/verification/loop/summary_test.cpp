@@ -79,6 +79,54 @@ TEST(Summary, FiguresWorkedOutByHand) {
   EXPECT_NEAR(s.image_ms_median, 2.5, 1e-12);
 }
 
+// Two cycles of two windows with two images each; the first image of a cycle is foretold by nothing.
+TEST(Summary, AttitudeFilterWorkedOutByHand) {
+  Records records;
+  records.level = "sil";
+  records.images = 8;
+  for (int i = 0; i < 8; ++i) {
+    Event e;
+    e.kind = EventKind::image;
+    e.cycle = i / 4;
+    e.window = i / 2 % 2;
+    e.attitude_found = true;
+    AttitudeRecord& a = e.attitude;
+    a.foretold = i % 4 != 0;
+    e.by_prior = a.foretold && i != 6;
+    a.after_slew = i % 4 == 2;
+    a.error_rad = a.after_slew ? Vec3(300, 400, 50) * kArcsecond : Vec3(30, 40, 5) * kArcsecond;
+    a.nees = i;
+    a.restarted = i == 6;
+    a.accepted = a.foretold && !a.restarted;
+    a.nis = 10.0 * i;
+    a.knows_bias = true;
+    a.bias_error_rad_s = Vec3(1, -2, 2) * (i == 3 ? 1.0 : i == 7 ? 2.0 : 1e3) * kDegree / 3600.0;
+    records.events.push_back(e);
+  }
+  const Summary summary = summarize(records);
+  const AttitudeFilterSummary& s = summary.attitude_filter;
+  EXPECT_NEAR(s.by_prior_rate, 5.0 / 8.0, 1e-12);
+  EXPECT_NEAR(s.cross_arcsec_1sigma, std::sqrt(1250.0), 1e-9);
+  EXPECT_NEAR(s.roll_arcsec_1sigma, 5.0, 1e-9);
+  EXPECT_NEAR(s.slew_cross_arcsec_1sigma, std::sqrt(125000.0), 1e-9);
+  EXPECT_NEAR(s.slew_roll_arcsec_1sigma, 50.0, 1e-9);
+  EXPECT_NEAR(s.nees_mean, (1 + 2 + 3 + 5 + 6 + 7) / 6.0, 1e-12);
+  EXPECT_NEAR(s.nis_mean, (10 + 20 + 30 + 50 + 70) / 5.0, 1e-12);
+  EXPECT_NEAR(s.bias_error_deg_h_1sigma, std::sqrt((3.0 + 12.0) / 2.0), 1e-9);
+  EXPECT_EQ(s.restarts, 1);
+  EXPECT_EQ(s.foretold, 6);
+  EXPECT_EQ(s.slews, 2);
+  EXPECT_NE(to_text(summary).find("begun anew 1 time"), std::string::npos);
+  EXPECT_EQ(to_json(*summary_from_json(to_json(summary), "x")), to_json(summary));
+  const Summary both[] = {summary, summary};
+  const AttitudeFilterSummary pooled = pool(both).attitude_filter;
+  EXPECT_NEAR(pooled.slew_cross_arcsec_1sigma, s.slew_cross_arcsec_1sigma, 1e-9);
+  EXPECT_NEAR(pooled.nees_mean, s.nees_mean, 1e-12);
+  EXPECT_EQ(pooled.foretold, 12);
+  EXPECT_LT(pooled.nees_band_95.hi, s.nees_band_95.hi);
+  EXPECT_TRUE(std::isnan(summarize(by_hand()).attitude_filter.nees_mean));  // without a gyro
+}
+
 TEST(Summary, JsonReadsBackAndNamesWhatTheContractNames) {
   Summary s = summarize(by_hand());
   const std::string text = to_json(s);

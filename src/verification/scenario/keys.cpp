@@ -88,6 +88,13 @@ const std::array kKeys{
 
     NUMBER(truth.pointing.sun_sensor_deg, "deg", 0.0, 10.0, "error of the sun sensor, 1 sigma per axis; asked only by a start from a survey"),
 
+    SWITCH(truth.gyro.on, "the spacecraft has a gyro, switched on for each navigation cycle (`--level sil`); by it and the frames the onboard software knows its attitude between frames and through slews"),
+    NUMBER(truth.gyro.sample_period_s, "s", 0.01, 100.0, "from one of its samples to the next; each is the mean rate since the one before"),
+    NUMBER(truth.gyro.angle_random_walk_deg_sqrt_h, "deg/sqrt(h)", 0.0, 100.0, "white noise of the rate, an axis"),
+    NUMBER(truth.gyro.bias_random_walk_deg_h_sqrt_h, "deg/h/sqrt(h)", 0.0, 1000.0, "how its bias walks, an axis"),
+    NUMBER(truth.gyro.bias_deg_h, "deg/h", 0.0, 1e5, "its bias when it is switched on: drawn anew for each cycle, 1 sigma an axis"),
+    NUMBER(truth.gyro.jump_deg_h, "deg/h", 0.0, 1e6, "a fault: by how much the bias jumps, in any direction, when the slew between the two windows of a cycle begins; 0: none"),
+
     SWITCH(truth.photocentre.on, "planets shine from their centre of light; false: from their centre of figure"),
     NUMBER(truth.photocentre.scale, "", 0.0, 3.0, "true displacement of the centre of light over that of a Lambert sphere"),
 
@@ -129,9 +136,13 @@ const std::array kKeys{
     NUMBER(onboard.ephemeris.uranus_km, "km", 0.0, 1e6, "likewise"),
     NUMBER(onboard.ephemeris.tau_days, "d", 1.0, 1e6, "correlation time of these errors"),
 
+    NUMBER(onboard.gyro.angle_random_walk_deg_sqrt_h, "deg/sqrt(h)", 0.0, 100.0, "white noise of the gyro's rate as the attitude filter assumes it, an axis"),
+    NUMBER(onboard.gyro.bias_random_walk_deg_h_sqrt_h, "deg/h/sqrt(h)", 0.0, 1000.0, "how it assumes the bias to walk, an axis"),
+    NUMBER(onboard.gyro.bias_sigma_deg_h, "deg/h", 1e-6, 1e5, "bias that it assumes of a gyro just switched on, 1 sigma an axis"),
+
     CHOICE(onboard.vision.exposure, "fixed chosen", "fixed: the camera's own exposure; chosen: by the onboard software for each window, up to the camera's own"),
     CHOICE(onboard.vision.centroid_method, "moment psf_fit", "how the centre of a spot is found"),
-    SWITCH(onboard.vision.prior_attitude, "within a window stars are looked for where the last image's attitude, turned as commanded since, puts them; false: each image is lost in space"),
+    SWITCH(onboard.vision.prior_attitude, "stars are looked for where the gyro, or without one the last image of the window, turned as commanded since, puts them; false: each image is lost in space"),
     NUMBER(onboard.vision.threshold_sigma, "", 1.0, 1000.0, "detection threshold above the background, in sigmas of the background"),
     NUMBER(onboard.vision.star_max_v_mag, "mag", 2.0, 12.0, "faintest star (V) in the onboard catalogue"),
     NUMBER(onboard.vision.max_spots, "", 4.0, 10000.0, "most spots that are measured in a frame, brightest first"),

@@ -100,6 +100,15 @@ struct TruthPointing {
   double sun_sensor_deg = 1.0;
 };
 
+struct TruthGyro {
+  bool on = false;
+  double sample_period_s = 1.0;
+  double angle_random_walk_deg_sqrt_h = 0.15;  // of a good MEMS gyro
+  double bias_random_walk_deg_h_sqrt_h = 0.3;
+  double bias_deg_h = 10.0;
+  double jump_deg_h = 0.0;
+};
+
 struct TruthPhotocentre {
   bool on = true;
   double scale = 1.0;
@@ -161,6 +170,12 @@ struct OnboardEphemeris {
   double tau_days = 1000.0;
 };
 
+struct OnboardGyro {
+  double angle_random_walk_deg_sqrt_h = 0.15;
+  double bias_random_walk_deg_h_sqrt_h = 0.3;
+  double bias_sigma_deg_h = 10.0;
+};
+
 struct OnboardVision {
   std::string exposure = "fixed";           // "fixed" or "chosen"
   std::string centroid_method = "psf_fit";  // "moment" or "psf_fit"
@@ -192,6 +207,7 @@ struct Scenario {
     TruthUnloading unloading;
     TruthClock clock;
     TruthPointing pointing;
+    TruthGyro gyro;
     TruthPhotocentre photocentre;
   } truth;
   struct Onboard {
@@ -200,6 +216,7 @@ struct Scenario {
     OnboardCamera camera;
     OnboardFilter filter;
     OnboardEphemeris ephemeris;
+    OnboardGyro gyro;
     OnboardVision vision;
   } onboard;
   Mil mil;
