@@ -79,6 +79,17 @@ TEST_F(ReportInBrowser, MissionDrawsEveryChart) {
   EXPECT_GT(std::filesystem::file_size(folder_ / "page.png"), 60'000u);  // an empty page compresses to a tenth of this
 }
 
+TEST_F(ReportInBrowser, AGyroHasAChartOfItsOwn) {
+  auto records = astronav::testing::synthetic_records({.seed = 5, .cycles = 5, .images_per_window = 3});
+  for (loop::Event& e : records.events)
+    e.attitude = {.foretold = e.image % 6 != 0, .error_rad = Vec3(3e-4, 2e-4, 1e-4), .sigma_rad = Vec3::Constant(4e-4)};
+  ASSERT_TRUE(write_file(folder_ / "report.html", report::mission_html(records, loop::summarize(records))));
+  const std::string dom = browse("report.html", "--dump-dom");
+  EXPECT_NE(dom.find("data-errors=\"0\""), std::string::npos) << dom.substr(0, 400);
+  EXPECT_NE(dom.find("data-charts=\"15\""), std::string::npos) << dom.substr(0, 400);
+  EXPECT_NE(dom.find("Attitude between images"), std::string::npos);
+}
+
 TEST_F(ReportInBrowser, MissionWithoutImagesAndShortMissionsAreDrawnToo) {
   for (const int cycles : {1, 5}) {
     auto records = astronav::testing::synthetic_records({.seed = 5, .cycles = cycles, .images_per_window = 3});

@@ -503,9 +503,11 @@
       component(0, 'u', 'x'), component(1, 'v', 'y'));
   }
 
-  function visionSection(images) {
-    const attitude = chart(190, () => ({
-      values: [images.index, images.attitude_error[0], images.attitude_error[1], images.attitude_sigma[0].map((v) => 3 * v), images.attitude_sigma[0].map((v) => -3 * v)],
+  // About the camera's x and y axes, inside 3 sigma; null where nothing was known.
+  function attitudeChart(images, error, sigma) {
+    const bound = (sign) => sigma[0].map((v) => (v === null ? null : sign * 3 * v));
+    return chart(190, () => ({
+      values: [images.index, error[0], error[1], bound(1), bound(-1)],
       options: {
         series: [{ label: 'image' }, dots('about x', css('x'), 3, { value: value(2, '″') }), dots('about y', css('y'), 3, { value: value(2, '″') }), line('3σ', css('bound'), { width: 1, value: value(2, '″') }), line('−3σ', css('bound'), { width: 1, value: () => '' })],
         bands: [{ series: [3, 4], fill: css('band') }],
@@ -513,6 +515,15 @@
         cursor: { sync: { key: 'image' } },
       },
     }));
+  }
+
+  function gyroSection(images) {
+    const a = data.summary.attitude_filter;
+    const words = `How far off the attitude of each image was that gyro and earlier images foretold. ${percent(a.by_prior_rate)} % of the images were found by it; from image to image it is good to ${figure(a.between_images_arcsec_1sigma.cross)}″, after a slew to ${figure(a.after_slew_arcsec_1sigma.cross)}″ (1σ, across), NEES (3) ${figure(a.nees_mean)} in ${figure(a.nees_band_95[0])} to ${figure(a.nees_band_95[1])}; the gyro’s bias is found to ${figure(a.gyro_bias_error_deg_h_1sigma)} deg/h.`;
+    return section('Attitude between images', words, attitudeChart(images, images.foretold_error, images.foretold_sigma));
+  }
+
+  function visionSection(images) {
     const dotted = (height, label, values, colour, digits, unit) => chart(height, () => ({
       values: [images.index, values],
       options: {
@@ -523,7 +534,7 @@
         legend: { show: false },
       },
     }));
-    return h('div', { class: 'row' }, section('Attitude error', 'About the camera’s x and y axes, from the stars of the same image; images are counted along.', attitude),
+    return h('div', { class: 'row' }, section('Attitude error', 'About the camera’s x and y axes, from the stars of the same image; images are counted along.', attitudeChart(images, images.attitude_error, images.attitude_sigma)),
       section('Stars', 'How many stars each attitude rests on, and the rms error of their centres per axis.',
         dotted(104, 'matched', images.stars, 'z', 0), dotted(104, 'error, px', images.centroid, 'accent', 3, 'px')));
   }
@@ -736,6 +747,7 @@
     if (data.frames.length) page.append(framesSection(data.frames));
     if (data.images.planet_error[0].some((v) => v !== null)) page.append(planetErrorSection(data.images));
     if (m.level !== 'mil' && data.images.index.length) page.append(visionSection(data.images));
+    if (m.attitude_filter.counts.foretold > 0) page.append(gyroSection(data.images));
     page.append(timingSection());
   }
 

@@ -153,7 +153,7 @@ Json image_columns(const loop::Records& records) {
        centroid = Json::array();
   std::array<Json, 2> innovation{Json::array(), Json::array()}, sigma{Json::array(), Json::array()},
       planet_error{Json::array(), Json::array()};
-  Axes attitude_error, attitude_sigma;
+  Axes attitude_error, attitude_sigma, foretold_error, foretold_sigma;
   for (const Event& e : records.events) {
     if (e.kind != EventKind::image) continue;
     index.push_back(e.image);
@@ -168,6 +168,9 @@ Json image_columns(const loop::Records& records) {
     const double nan = std::nan("");
     attitude_error.add(e.attitude_found ? Vec3(e.attitude_error_rad / kArcsecond) : Vec3::Constant(nan));
     attitude_sigma.add(e.attitude_found ? Vec3(e.attitude_sigma_rad / kArcsecond) : Vec3::Constant(nan));
+    const loop::AttitudeRecord& a = e.attitude;
+    foretold_error.add(a.foretold ? Vec3(a.error_rad / kArcsecond) : Vec3::Constant(nan));
+    foretold_sigma.add(a.foretold ? Vec3(a.sigma_rad / kArcsecond) : Vec3::Constant(nan));
     stars.push_back(e.stars_matched);
     centroid.push_back(e.centroid_error_count > 0
                            ? short_number(std::sqrt(e.centroid_error_sum2_px2 / e.centroid_error_count))
@@ -181,6 +184,8 @@ Json image_columns(const loop::Records& records) {
           {"planet_error", Json::array({std::move(planet_error[0]), std::move(planet_error[1])})},
           {"attitude_error", attitude_error.take()},
           {"attitude_sigma", attitude_sigma.take()},
+          {"foretold_error", foretold_error.take()},
+          {"foretold_sigma", foretold_sigma.take()},
           {"stars", std::move(stars)},
           {"centroid", std::move(centroid)}};
 }
