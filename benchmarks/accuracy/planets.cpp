@@ -41,8 +41,15 @@ struct Visitor {
 
   Visitor()
       : onboard(world.catalogue, world.believed.intrinsics, kStarsOnBoard, Epoch::tdb_seconds(27.0 * 365.25 * 86400.0)),
-        eyes({}, world.believed.intrinsics, vision::SensorModel::from(world.believed), onboard.field, onboard.index) {}
+        eyes(one_by_one(), world.believed.intrinsics, vision::SensorModel::from(world.believed), onboard.field,
+             onboard.index) {}
 
+  // The frames are of different years: where a body was in the last one is of no use.
+  static vision::VisionSettings one_by_one() {
+    vision::VisionSettings settings;
+    settings.planets.memory_s = 0.0;
+    return settings;
+  }
   Vec3 anywhere() { return Vec3(random.normal(), random.normal(), random.normal()); }
 
   // Between 0.6 and 2 au from the Sun, near the ecliptic, at the speed of an ellipse.

@@ -52,13 +52,20 @@ PlanetMatch find_planet(const PlanetPrediction& prediction, const AttitudeSoluti
   match.predicted = predicted->pixel;
   const double frame_px = static_cast<double>(attitude.intrinsics.width_px) * attitude.intrinsics.height_px;
   const double clutter = clutter_density(prediction, area_px > 0.0 ? area_px : frame_px, frame_px, spots, is_star);
+  // A fit that began at a faint neighbour may have slid onto a brighter spot: the same light, which counts once.
+  constexpr double kSameSpotPx = 0.5;
+  const auto seen_before = [&](std::size_t i) {
+    for (std::size_t k = 0; k < i; ++k)
+      if (!is_star[k] && (spots[k].pixel.vec() - spots[i].pixel.vec()).norm() < kSameSpotPx) return true;
+    return false;
+  };
   double best = 0.0, sum = 0.0;  // likelihoods, as densities by the same
   for (std::size_t i = 0; i < spots.size(); ++i) {
     if (is_star[i]) continue;
     const Mat2 covariance = predicted->covariance_px2 + spots[i].whole_covariance_px2();
     const Vec2 innovation = spots[i].pixel.vec() - predicted->pixel.vec();
     const double d2 = innovation.dot(covariance.inverse() * innovation);
-    if (!(d2 < settings.gate_d2)) continue;
+    if (!(d2 < settings.gate_d2) || seen_before(i)) continue;
     double exponent = -0.5 * d2, scale = 2.0 * kPi * std::sqrt(covariance.determinant());
     if (prediction.expected_flux_dn > 0.0) {
       const double difference_mag = -2.5 * std::log10(std::max(spots[i].flux_dn, 1e-3) / prediction.expected_flux_dn);

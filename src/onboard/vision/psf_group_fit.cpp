@@ -14,7 +14,8 @@ namespace astronav::vision {
 namespace {
 
 constexpr int kMaxIterations = 40;
-constexpr double kConverged = 1e-4, kOthersConverged = 1e-3;  // px
+// A step this short is the last: px, and ln(flux).
+constexpr double kConverged = 1e-4, kOthersConverged = 1e-3, kFluxConverged = 1e-2;
 // What is believed of the body's light is right to 0.3 mag: phase laws and colours.
 constexpr double kFluxSigma = 0.3;
 // No place beside another is known better than a lens is.
@@ -107,15 +108,18 @@ class GroupFitter {
       place(p);
       weigh(p);
       cost = linearize(p);
-      converged = step.head<2>().norm() < kConverged;
+      converged = small(step, 0, kConverged);
       for (std::size_t k = 0; k < beside_.size(); ++k)
-        converged = converged && step.segment<2>(of_other(k)).norm() < kOthersConverged;
+        converged = converged && small(step, of_other(k), kOthersConverged);
     }
     if (converged) tell(p, cost, fit);
     return fit;
   }
 
  private:
+  static bool small(const Vector& step, int at, double place_px) {
+    return step.segment<2>(at).norm() < place_px && std::abs(step(at + ShapeFit::kFlux)) < kFluxConverged;
+  }
   static int of_other(std::size_t k) { return kOthers + kEach * static_cast<int>(k); }
 
   void place(const Vector& p) {
@@ -226,9 +230,9 @@ class GroupFitter {
     fit.flux_dn = std::exp(p(ShapeFit::kFlux)) * (1.0 + p(ShapeFit::kShape + LocalPsf::halo_share));
     // The belief, as one more measurement of the flux, is taken off again.
     const double told = 1.0 / covariance(ShapeFit::kFlux, ShapeFit::kFlux) - belief_(ShapeFit::kFlux, ShapeFit::kFlux);
-    fit.flux_sigma_dn = fit.flux_dn / std::sqrt(std::max(told, 1e-12));
     fit.sigma_px = p(ShapeFit::kShape + LocalPsf::width);
     fit.chi2_per_dof = cost / std::max(1, pixels_ - ShapeFit::kShape);
+    fit.flux_sigma_dn = fit.flux_dn * std::sqrt(std::max(1.0, fit.chi2_per_dof) / std::max(told, 1e-12));
     // What shape and the others' places and light move the place by comes again in the next image.
     fit.noise_px2 = Mat3(known.solve(Mat3::Identity())).topLeftCorner<2, 2>();
     fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));

@@ -26,6 +26,7 @@ Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const S
                const StarField& field, const PairIndex& index)
     : settings_(settings),
       psf_sigma_px_(sensor.psf_sigma_px),
+      saturation_dn_(sensor.saturation_dn),
       field_(field),
       camera_(camera),
       middle_{0.5 * (camera.width_px - 1), 0.5 * (camera.height_px - 1)},

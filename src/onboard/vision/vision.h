@@ -111,10 +111,14 @@ class Vision {
   };
   Company company_of(std::size_t index, const Observer& observer);
   void add_stars(const Body& body, const Observer& observer, Company& company);
+  bool is_free(std::size_t spot, const Body& body) const;
+  std::size_t free_spot(const Body& body, double radius_px, bool alike) const;
   void part(ImageView<const std::uint16_t> frame, const Observer& observer, std::size_t index);
+  bool part_brightest(ImageView<const std::uint16_t> frame, Body& body, const Company& company);
+  void keep(Body& body, Centroid measured);
 
   VisionSettings settings_;
-  double psf_sigma_px_;
+  double psf_sigma_px_, saturation_dn_;
   const StarField& field_;
   Intrinsics camera_;
   Pixel middle_;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "foundation/math/rotation.h"
 #include "onboard/vision/vision.h"
 
 namespace astronav::vision {
@@ -13,14 +14,22 @@ bool as_bright(double flux_dn, double expected_dn) {
   return std::abs(std::log10(std::max(flux_dn, 1e-3) / expected_dn)) < 1.0;  // 2.5 mag
 }
 
+Pixel pixel_at(const Vec2& at) {
+  return {at.x(), at.y()};
+}
+
 constexpr double kSteadyPx = 0.1;  // no spot is asked to be steadier
 // Bodies in one spot: it is off by so much, and more where they are apart; no offset is asked to be nearer to what was
 // foretold.
 constexpr double kBlendedPx = 4.0, kAstrayPx = 0.3;
-constexpr double kSurePx = 2.0;     // a prediction as good as this is a guess to start from
-constexpr double kOwnSpotPx = 3.0;  // from a body's fitted place to its own spot
+constexpr double kAlonePx = 1.0;  // and a body alone in its spot
+constexpr double kSurePx = 2.0;   // a prediction as good as this is a guess to start from
+constexpr double kOwnSpotPx = 3.0,
+                 kSameSpotPx = 0.5;  // from a body's fitted place to its own spot, and to a copy of it
 // Light beside that of a star or of an unknown source is a body's where the frame tells it so well: five sigma.
 constexpr double kPresentSnr = 5.0;
+// Where it does not, and the others pull a spot by so much, no spot is believed.
+constexpr double kPulledPx = 0.1;
 // Beyond it the light of a body does not reach a fit's window, nor do two spots touch.
 constexpr double kReachPx = 40.0;
 // A told direction and a predicted one are the same body's.
@@ -206,6 +215,9 @@ void Vision::add_stars(const Body& body, const Observer& observer, Company& comp
   const auto light_at = [&](double flux, double r) {
     return flux / (2.0 * kPi) * (std::exp(-0.5 * r * r / s2) / s2 + halo * std::exp(-0.5 * r * r / h2) / h2);
   };
+  // What a fit will look at: beyond full pixels as far as about a point.
+  const double reach_px =
+      psf.reach_px() + std::sqrt(2.0 * s2 * std::log(std::max(1.0, light_at(body.flux_dn, 0.0) / saturation_dn_)));
   struct Ranked {
     double light;
     LightBeside star;
@@ -222,11 +234,13 @@ void Vision::add_stars(const Body& body, const Observer& observer, Company& comp
     if (!place) continue;
     const double flux = std::pow(10.0, 0.4 * (zero_point - entry.v_mag));
     const double apart = (place->pixel.vec() - body.at.vec()).norm();
-    const double nearest = std::max(0.0, apart - psf.reach_px() - sigma_px);
-    const double light = light_at(flux, nearest);
-    if (light < kOfNoise * result_.level.noise_dn || light < kOfBody * light_at(body.flux_dn, 0.0)) continue;
+    const double light = light_at(flux, std::max(0.0, apart - reach_px - sigma_px));
+    if (light < kOfNoise * result_.level.noise_dn ||
+        light < kOfBody * light_at(body.flux_dn, std::min(apart, reach_px)))
+      continue;
+    const double away = std::hypot(apart, sigma_px);
     company.pull_px =
-        std::max(company.pull_px, flux / (flux + body.flux_dn) * apart * std::exp(-apart * apart / (8.0 * s2)));
+        std::max(company.pull_px, flux / (flux + body.flux_dn) * away * std::exp(-away * away / (8.0 * s2)));
     if (count == room && light <= ranked[count - 1].light) continue;
     std::size_t n = count < room ? count++ : room - 1;
     for (; n > 0 && ranked[n - 1].light < light; --n) ranked[n] = ranked[n - 1];
@@ -239,49 +253,43 @@ void Vision::add_stars(const Body& body, const Observer& observer, Company& comp
   for (std::size_t n = 0; n < count; ++n) company.lights[company.count++] = ranked[n].star;
 }
 
+// Neither a star's nor another body's.
+bool Vision::is_free(std::size_t spot, const Body& body) const {
+  for (const Body& other : bodies_)
+    if (&other != &body && other.spot == spot) return false;
+  return !is_star_[spot];
+}
+
+// The first, and so the brightest, free spot about where the body is foretold; `alike`: that may hold its light.
+std::size_t Vision::free_spot(const Body& body, double radius_px, bool alike) const {
+  for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
+    if (!is_free(i, body) || (centroids_[i].pixel.vec() - body.at.vec()).norm() > radius_px) continue;
+    if (!alike || centroids_[i].saturated || as_bright(centroids_[i].flux_dn, body.flux_dn)) return i;
+  }
+  return kNone;
+}
+
 // A body in one spot with others, or in their wings, is measured together with them: alone it would be off by more than
 // its covariance says, and be refused. The brightest of them first.
 void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer, std::size_t index) {
   Body& body = bodies_[index];
   const Company company = company_of(index, observer);
   body.mixed = company.mixed;
-  if (company.count == 0 || body.mixed) return;
-  const auto pixel = [](const Vec2& at) { return Pixel{at.x(), at.y()}; };
-  const auto own = [&](std::size_t spot) {
-    for (const Body& other : bodies_)
-      if (&other != &body && other.spot == spot) return false;
-    return !is_star_[spot];
-  };
+  if (body.mixed) return;
   const double sigma_px = std::sqrt(body.covariance_px2.trace());
   const bool sure = sigma_px < kSurePx;
-  std::array<Pixel, 5> guesses{body.at};
-  std::size_t count = sure ? 1 : 0;
-  if (company.bodies > 0 && company.brightest == kNone) {
-    // The spot that it must have is of it, or of all, and then lies between them.
-    const LightBeside& first = company.lights[0];
-    const Vec2 offset = first.from_body ? first.at_px : Vec2(first.at_px - body.at.vec());
-    const double near_px = std::max(kBlendedPx, 0.5 * offset.norm()) + 3.0 * sigma_px;
-    std::size_t chosen = kNone;
-    for (std::size_t i = 0; i < result_.centroids.size() && chosen == kNone; ++i) {
-      if (!own(i) || (centroids_[i].pixel.vec() - body.at.vec()).norm() > near_px) continue;
-      if (centroids_[i].saturated || as_bright(centroids_[i].flux_dn, body.flux_dn)) chosen = i;
-    }
-    if (chosen == kNone) return;
-    for (const double share : {0.0, 0.3, 0.6, 1.0})
-      guesses[count++] = pixel(centroids_[chosen].pixel.vec() - share * offset);
-    body.mixed = !finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn,
-                                         company.all(), centroids_[chosen]);
-    if (body.mixed) return;
-    body.spot = chosen;
-    if (!body.asked) is_star_[chosen] = 1;  // another planet
-    return;
-  }
+  // Alone it has a spot of its own, if that was not cut by the frame's edge, or set apart with another that it ran
+  // into.
+  if (company.count == 0 && (!sure || free_spot(body, kAlonePx + 3.0 * sigma_px, false) != kNone)) return;
+  if (company.bodies > 0 && company.brightest == kNone && part_brightest(frame, body, company)) return;
+
   const bool by_partner = company.brightest != kNone && company.brightest == body.partner;
+  std::array<Pixel, 2> guesses;
+  std::size_t count = 0;
+  if (sure && !by_partner) guesses[count++] = body.at;
   if (company.brightest != kNone) {
     const Body& bright = bodies_[company.brightest];
-    const Pixel by_offset = pixel(centroids_[bright.spot].pixel.vec() + body.at.vec() - bright.at.vec());
-    if (by_partner) count = 0;
-    guesses[count++] = by_offset;
+    guesses[count++] = pixel_at(centroids_[bright.spot].pixel.vec() + body.at.vec() - bright.at.vec());
   }
   Centroid measured;
   bool good = count > 0 && finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn,
@@ -294,16 +302,53 @@ void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer
   } else if (good) {
     const Vec2 off = measured.pixel.vec() - body.at.vec();
     const Mat2 covariance = body.covariance_px2 + measured.whole_covariance_px2();
-    good = measured.snr > kPresentSnr && off.dot(covariance.inverse() * off) < settings_.planets.gate_d2;
+    good = measured.snr > kPresentSnr && as_bright(measured.flux_dn, body.flux_dn) &&
+           off.dot(covariance.inverse() * off) < settings_.planets.gate_d2;
   }
-  if (!good) {
-    constexpr double kPulledPx = 0.1;
+  if (good)
+    keep(body, measured);
+  else
     body.mixed = company.brightest != kNone || company.pull_px > kPulledPx;
-    return;
-  }
+  body.leans_on = company.brightest;
+}
+
+// The brightest of several bodies: the spot that it must have is of it, or of all, and then lies between them. False
+// where there is none.
+bool Vision::part_brightest(ImageView<const std::uint16_t> frame, Body& body, const Company& company) {
+  const LightBeside& first = company.lights[0];
+  const Vec2 offset = first.from_body ? first.at_px : Vec2(first.at_px - body.at.vec());
+  const double sigma_px = std::sqrt(body.covariance_px2.trace());
+  const std::size_t chosen = free_spot(body, std::max(kBlendedPx, 0.5 * offset.norm()) + 3.0 * sigma_px, true);
+  if (chosen == kNone) return false;
+  std::array<Pixel, 5> guesses;
+  std::size_t count = 0;
+  if (sigma_px < kSurePx) guesses[count++] = body.at;
+  for (const double share : {0.0, 0.3, 0.6, 1.0})
+    guesses[count++] = pixel_at(centroids_[chosen].pixel.vec() - share * offset);
+  Centroid measured = centroids_[chosen];
+  body.mixed = !finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn,
+                                       company.all(), measured) ||
+               !as_bright(measured.flux_dn, body.flux_dn);
+  if (body.mixed) return true;
+  centroids_[chosen] = measured;
+  body.spot = chosen;
+  if (!body.asked) is_star_[chosen] = 1;  // another planet
+  return true;
+}
+
+// A measured body takes its own spot's place, or is a new one; what else is there is the same light once more.
+void Vision::keep(Body& body, Centroid measured) {
   std::size_t spot = result_.centroids.size();
+  double nearest_px = kOwnSpotPx;
   for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
-    if (own(i) && (centroids_[i].pixel.vec() - measured.pixel.vec()).norm() < kOwnSpotPx) spot = i;
+    const double apart_px = (centroids_[i].pixel.vec() - measured.pixel.vec()).norm();
+    if (!is_free(i, body) || apart_px >= nearest_px) continue;
+    nearest_px = apart_px;
+    spot = i;
+  }
+  for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
+    const double apart_px = (centroids_[i].pixel.vec() - measured.pixel.vec()).norm();
+    if (i != spot && is_free(i, body) && apart_px < kSameSpotPx) is_star_[i] = 1;
   }
   if (spot == centroids_.size()) return;
   if (spot == result_.centroids.size()) {
@@ -315,7 +360,6 @@ void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer
   }
   centroids_[spot] = measured;
   body.spot = spot;
-  body.leans_on = company.brightest;
 }
 
 }  // namespace astronav::vision

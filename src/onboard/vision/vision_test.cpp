@@ -13,17 +13,17 @@
 #include "foundation/math/rotation.h"
 #include "foundation/math/statistics.h"
 #include "models/aberration/aberration.h"
-#include "onboard/vision/synthetic_frame_for_tests.h"
+#include "onboard/vision/sky_scene_for_tests.h"
 
-namespace {
+namespace astronav::vision::testing {
 std::atomic<bool> g_counting{false};
 std::atomic<long> g_allocations{0};
-}  // namespace
+}  // namespace astronav::vision::testing
 
 // Every allocation of this program passes here. (g++ 12 sees the malloc through the inlined operator and warns.)
 #pragma GCC diagnostic ignored "-Wmismatched-new-delete"
 void* operator new(std::size_t size) {
-  if (g_counting) ++g_allocations;
+  if (astronav::vision::testing::g_counting) ++astronav::vision::testing::g_allocations;
   if (void* p = std::malloc(size)) return p;
   std::abort();
 }
@@ -37,74 +37,7 @@ void operator delete(void* p, std::size_t) noexcept {
 namespace astronav::vision {
 namespace {
 
-using testing::Truth;
-
-// The project's own catalogue, with an index for a 20-degree camera.
-struct Sky {
-  MappedFile file;
-  StarField field;
-  std::vector<std::byte> bytes;
-  PairIndex index;
-};
-
-const Sky& sky() {
-  static const Sky instance = [] {
-    Sky s;
-    auto file = MappedFile::open(home_directory() / "data/hipparcos.stars");
-    if (!file) ADD_FAILURE() << describe(file.error());
-    s.file = std::move(*file);
-    const auto catalogue = StarCatalogue::open(s.file.bytes());
-    if (!catalogue) ADD_FAILURE() << describe(catalogue.error());
-    s.field = StarField::build(*catalogue, 9.0, Epoch::tdb_seconds(26.9 * 365.25 * 86400.0));
-    s.bytes = build_pair_index(s.field, AsterismSettings::for_field(20.0 * kDegree, 20.0 * kDegree));
-    s.index = *PairIndex::open(s.bytes);
-    return s;
-  }();
-  return instance;
-}
-
-constexpr double kElectronsV0 = 2.28e6;  // the 20-degree camera, solar colour
-
-Intrinsics camera20() {
-  return Intrinsics::from_field_of_view(1024, 1024, 20.0 * kDegree);
-}
-
-Mat3 random_attitude(RandomStream& random) {
-  return R_CN_from_pointing(
-      {random.uniform(0.0, 2.0 * kPi), std::asin(random.uniform(-1.0, 1.0)), random.uniform(0.0, 2.0 * kPi)});
-}
-
-// A frame of the real sky as a Gaussian camera sees it. `extra`: more sources.
-struct Scene {
-  Observer observer;
-  Mat3 R_CN;
-  ImageU16 image{1024, 1024};
-};
-struct Source {
-  Pixel pixel;
-  double electrons;
-};
-void paint(Scene& scene, const Truth& truth, const Intrinsics& camera, RandomStream& random,
-           std::span<const Source> extra = {}) {
-  ImageF electrons(1024, 1024, 0.0f);
-  for (const FieldStar& star : sky().field.stars()) {
-    const Vec3 direction = scene.R_CN * sky().field.apparent(star, scene.observer);
-    if (direction.z() < 0.9) continue;
-    const Result<Pixel> p = project(camera, direction);
-    if (!p || p->u < -10 || p->v < -10 || p->u > 1034 || p->v > 1034) continue;
-    add_source(electrons, truth, p->u, p->v, kElectronsV0 * std::pow(10.0, -0.4 * star.v_mag));
-  }
-  for (const Source& s : extra) add_source(electrons, truth, s.pixel.u, s.pixel.v, s.electrons);
-  expose(electrons, truth, random, scene.image);
-}
-
-Observer moving() {
-  Observer observer;
-  observer.epoch = Epoch::tdb_seconds(27.0 * 365.25 * 86400.0);
-  observer.p_O_N = Vec3(1.2, 0.6, 0.2) * 1.5e11;
-  observer.v_O_N = Vec3(-14e3, 21e3, 9e3);
-  return observer;
-}
+using namespace testing;
 
 TEST(Vision, FindsItsWayFromNothing) {
   const Truth truth;
@@ -217,16 +150,6 @@ TEST(Vision, LooksAtTheWholeWhereThePartsDoNotConvince) {
   const FrameResult& uneven = vision.process(scene.image, scene.observer, scene.R_CN);
   EXPECT_TRUE(uneven.whole);
   EXPECT_EQ(uneven.source, AttitudeSource::prior);
-}
-
-PlanetPrediction prediction_of(BodyId body, const Vec3& direction_N, double sigma_rad, double electrons,
-                               const Truth& truth) {
-  PlanetPrediction p;
-  p.body = body;
-  p.direction_N = direction_N;
-  p.direction_covariance = (Mat3::Identity() - direction_N * direction_N.transpose()) * sigma_rad * sigma_rad;
-  p.expected_flux_dn = electrons / truth.gain_e_dn;
-  return p;
 }
 
 // A saturated Jupiter and a faint Mars, predicted with the error of 1e5 km (3 sigma) at 1 AU.
