@@ -10,14 +10,15 @@ AttitudeKeeper::AttitudeKeeper(const AttitudeFilterSettings& settings) : setting
 bool AttitudeKeeper::advance(Epoch epoch) {
   if (!knows_ || epoch < filter_.epoch()) return false;
   if (epoch == filter_.epoch()) return true;
-  knows_ = epoch <= last_.end + (last_.end - last_.begin) && filter_.propagate(epoch, last_.rate_rad_s).has_value();
+  const Duration holds = last_.end - last_.begin;
+  knows_ = last_.begin - filter_.epoch() <= holds && epoch - last_.end <= holds &&
+           filter_.propagate(epoch, last_.rate_rad_s).has_value();
   return knows_;
 }
 
 void AttitudeKeeper::sense(const GyroSample& sample) {
   // What is left of the one before.
   if (last_.end > filter_.epoch()) (void)advance(last_.end);
-  if (sample.begin > filter_.epoch()) (void)advance(sample.begin);
   last_ = sample;
 }
 
@@ -37,6 +38,10 @@ AttitudeUpdate AttitudeKeeper::take(const AttitudeMeasurement& frame) {
                       .R_BN = R_CB.transpose() * frame.R_CN,
                       .covariance_rad2 = R_CB.transpose() * frame.covariance_rad2 * R_CB};
   AttitudeUpdate update;
+  if (knows_ && frame.epoch < filter_.epoch()) {
+    update.verdict = AttitudeVerdict::not_now;
+    return update;
+  }
   update.verdict = AttitudeVerdict::started;
   if (advance(frame.epoch)) {
     update = filter_.update(frame);

@@ -35,13 +35,14 @@ class AttitudeKeeper {
  public:
   explicit AttitudeKeeper(const AttitudeFilterSettings& settings);
 
-  // A rate holds for one more sample than it was measured over, so that a single lost sample is bridged; a longer
-  // silence loses the attitude.
+  // A rate holds for as long again before and after its sample, so that a single lost one is bridged; a longer silence
+  // loses the attitude.
   void sense(const GyroSample& sample);
   // Nothing before the first frame, after a silence, and for an epoch that is past.
   std::optional<AttitudeEstimate> at(Epoch epoch);
   // `started`: nothing was known before. `gated`: the gyro went wrong, as frames that are solved wrongly are rarer. The
   // frame is the new start, and the bias may be wrong by as much as brought the attitude here since the last frame.
+  // `not_now`: a frame of before the last sample, which is passed over.
   AttitudeUpdate take(const AttitudeMeasurement& frame);
   // After the last of all these; nothing where no attitude is known.
   std::optional<AttitudeEstimate> now() const;

@@ -35,7 +35,7 @@ TEST(AttitudeKeeper, StartsWithAFrameAndFollowsTheGyro) {
   AttitudeKeeper keeper({});
   craft.feed(keeper, 0.0, 100.0);
   EXPECT_FALSE(keeper.at(craft.at(99.5)));  // nobody said where it stands
-  // In the middle of the last sample; what is left of that one counts.
+  // In the middle of a sample; what is left of that one counts.
   EXPECT_EQ(keeper.take(craft.frame(99.5)).verdict, AttitudeVerdict::started);
   craft.feed(keeper, 100.0, 200.0);
   const auto foretold = keeper.at(craft.at(199.5));
@@ -65,6 +65,18 @@ TEST(AttitudeKeeper, MayMissAFrame) {
   EXPECT_LT((keeper.now()->gyro_bias_rad_s - craft.bias).norm(), 0.01 * craft.bias.norm());
 }
 
+// A picture is tagged to some milliseconds: a little before the first sample, and beside others' ends.
+TEST(AttitudeKeeper, FramesNeedNotMeetSamples) {
+  const Craft craft;
+  AttitudeKeeper keeper({});
+  keeper.take(craft.frame(-0.005));
+  for (int image = 1; image <= 6; ++image) {
+    craft.feed(keeper, 100.0 * (image - 1), 100.0 * image);
+    EXPECT_TRUE(keeper.take(craft.frame(100.0 * image + (image % 2 == 0 ? 0.005 : -0.005))).accepted()) << image;
+  }
+  EXPECT_LT((keeper.now()->gyro_bias_rad_s - craft.bias).norm(), 0.05 * craft.bias.norm());
+}
+
 TEST(AttitudeKeeper, BridgesOneLostSampleAndForgetsAfterMore) {
   const Craft craft;
   for (const int lost : {1, 2}) {
@@ -84,6 +96,20 @@ TEST(AttitudeKeeper, BridgesOneLostSampleAndForgetsAfterMore) {
   EXPECT_FALSE(keeper.at(craft.at(53.0)));
   EXPECT_FALSE(keeper.now());
   EXPECT_EQ(keeper.take(craft.frame(100.0)).verdict, AttitudeVerdict::started);
+}
+
+// A frame that comes late, when the gyro is already further on.
+TEST(AttitudeKeeper, PassesOverWhatIsPast) {
+  const Craft craft;
+  AttitudeKeeper keeper({});
+  keeper.take(craft.frame(0.0));
+  craft.feed(keeper, 0.0, 50.0);
+  EXPECT_EQ(keeper.take(craft.frame(30.0)).verdict, AttitudeVerdict::not_now);
+  EXPECT_TRUE(keeper.at(craft.at(50.0)));
+  AttitudeKeeper late({});
+  craft.feed(late, 0.0, 50.0);
+  EXPECT_EQ(late.take(craft.frame(30.0)).verdict, AttitudeVerdict::started);
+  EXPECT_FALSE(late.at(craft.at(50.0)));  // who knows how it turned from 30 to 49
 }
 
 // The gyro's bias jumps by ten times its sigma: one frame is gated, the next one says what the bias is now.

@@ -89,7 +89,7 @@ const std::array kKeys{
     NUMBER(truth.pointing.sun_sensor_deg, "deg", 0.0, 10.0, "error of the sun sensor, 1 sigma per axis; asked only by a start from a survey"),
 
     SWITCH(truth.gyro.on, "the spacecraft has a gyro, switched on for each navigation cycle (`--level sil`); by it and the frames the onboard software knows its attitude between frames and through slews"),
-    NUMBER(truth.gyro.sample_period_s, "s", 0.01, 100.0, "from one of its samples to the next; each is the mean rate since the one before"),
+    NUMBER(truth.gyro.sample_period_s, "s", 0.1, 100.0, "from one of its samples to the next; each is the mean rate since the one before"),
     NUMBER(truth.gyro.angle_random_walk_deg_sqrt_h, "deg/sqrt(h)", 0.0, 100.0, "white noise of the rate, an axis"),
     NUMBER(truth.gyro.bias_random_walk_deg_h_sqrt_h, "deg/h/sqrt(h)", 0.0, 1000.0, "how its bias walks, an axis"),
     NUMBER(truth.gyro.bias_deg_h, "deg/h", 0.0, 1e5, "its bias when it is switched on: drawn anew for each cycle, 1 sigma an axis"),
