@@ -116,6 +116,8 @@ class Vision {
   void part(ImageView<const std::uint16_t> frame, const Observer& observer, std::size_t index);
   bool part_brightest(ImageView<const std::uint16_t> frame, Body& body, const Company& company);
   void keep(Body& body, Centroid measured);
+  bool cleared_of_stars(ImageView<const std::uint16_t> frame, const Observer& observer, const Body& foretold,
+                        Centroid& spot);
 
   VisionSettings settings_;
   double psf_sigma_px_, saturation_dn_;

@@ -38,6 +38,11 @@ constexpr double kBodyFluxSigma = 0.3;  // of the logarithm: phase laws and colo
 // A star's light and place as the camera sees it: its colour is not known, nor is a companion that no catalogue has.
 constexpr double kStarFluxSigma = 0.5, kStarPlacePx = 0.05;
 
+// What a fit found beside other light, where about so much was looked for.
+bool is_there(const Centroid& measured, double expected_dn) {
+  return measured.snr > kPresentSnr && as_bright(measured.flux_dn, expected_dn);
+}
+
 }  // namespace
 
 // A disc that does not saturate is no point, and was set apart. Where a body of its size is foretold it is a spot
@@ -81,6 +86,8 @@ void Vision::name_planets(ImageView<const std::uint16_t> frame, const Observer& 
                               std::span<const unsigned char>(is_star_.data(), result_.centroids.size()),
                               settings_.planets, area_px);
     bar_others(0);
+    if (planets_[i].found && bodies_[i].spot == kNone)
+      planets_[i].found = cleared_of_stars(frame, observer, bodies_[i], centroids_[planets_[i].centroid]);
     if (planets_[i].found) planets_[i].found = stayed(planets_[i], observer.epoch);
     if (!planets_[i].found) continue;
     is_star_[planets_[i].centroid] = 1;
@@ -302,8 +309,7 @@ void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer
   } else if (good) {
     const Vec2 off = measured.pixel.vec() - body.at.vec();
     const Mat2 covariance = body.covariance_px2 + measured.whole_covariance_px2();
-    good = measured.snr > kPresentSnr && as_bright(measured.flux_dn, body.flux_dn) &&
-           off.dot(covariance.inverse() * off) < settings_.planets.gate_d2;
+    good = is_there(measured, body.flux_dn) && off.dot(covariance.inverse() * off) < settings_.planets.gate_d2;
   }
   if (good)
     keep(body, measured);
@@ -333,6 +339,25 @@ bool Vision::part_brightest(ImageView<const std::uint16_t> frame, Body& body, co
   centroids_[chosen] = measured;
   body.spot = chosen;
   if (!body.asked) is_star_[chosen] = 1;  // another planet
+  return true;
+}
+
+// A body that was foretold too vaguely to be parted from stars beforehand stands where its spot is. False where they
+// pull that and cannot be parted from it.
+bool Vision::cleared_of_stars(ImageView<const std::uint16_t> frame, const Observer& observer, const Body& foretold,
+                              Centroid& spot) {
+  Body body = foretold;
+  body.at = spot.pixel;
+  body.covariance_px2 = spot.whole_covariance_px2();
+  body.flux_dn = spot.flux_dn;
+  Company company;
+  add_stars(body, observer, company);
+  if (company.count == 0) return true;
+  Centroid measured = spot;
+  if (!finder_.measure_beside(frame, result_.level, {&body.at, 1}, body.flux_dn, company.all(), measured) ||
+      !is_there(measured, body.flux_dn) || (measured.pixel.vec() - body.at.vec()).norm() > kSurePx)
+    return company.pull_px <= kPulledPx;
+  spot = measured;
   return true;
 }
 
