@@ -294,8 +294,7 @@ void tell(const Options& options, const Asked& asked, const opensky::Comparison&
 
 // Before the long work.
 Result<void> check_outputs(const Options& options) {
-  if (!options.out.empty() && !options.out.ends_with(".png"))
-    return fail(ErrorCode::invalid_argument, "'{s}' does not end in .png", {}, "--out", options.out);
+  if (const auto ending = check_ending(options.out, {".png"}, "--out"); !ending) return ending;
   if (const auto writable = check_writable({options.out, options.save_camera}); !writable) return writable;
   if (const auto apart = check_apart(options.out, options.image, "--out"); !apart) return apart;
   for (const std::string& path : {options.image, options.out, options.camera}) {

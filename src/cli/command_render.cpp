@@ -190,10 +190,8 @@ Result<server::Scene> scene_of(const Options& options, Epoch epoch, const std::s
 }
 
 Result<int> run(const Options& options) {
-  const std::string extension = std::filesystem::path(options.out).extension().string();
-  if (extension != ".png" && extension != ".fits" && extension != ".fit") {
-    return fail(ErrorCode::invalid_argument, "'{s}' ends neither in .fits nor in .png", {}, "--out", options.out);
-  }
+  if (const auto ending = check_ending(options.out, {".fits", ".fit", ".png"}, "--out"); !ending)
+    return forward(ending);
   if (const auto apart = check_apart(options.truth, options.out, "--truth"); !apart) return forward(apart);
   if (const auto writable = check_writable({options.out, options.truth}); !writable) return forward(writable);
   const auto epoch = Epoch::parse(options.epoch);

@@ -211,6 +211,8 @@ Result<int> run(const Options& options) {
   if (!request) return forward(request);
   if (options.images.size() != 1 && !(options.wcs.empty() && options.picture.empty()))
     return fail(ErrorCode::invalid_argument, "one image for one file", {}, options.wcs.empty() ? "--picture" : "--wcs");
+  if (const auto ending = check_ending(options.wcs, {".fits", ".fit"}, "--wcs"); !ending) return forward(ending);
+  if (const auto ending = check_ending(options.picture, {".png"}, "--picture"); !ending) return forward(ending);
   if (const auto writable = check_writable({options.wcs, options.picture}); !writable) return forward(writable);
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <filesystem>
 
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 namespace astronav::cli {
@@ -31,6 +32,15 @@ Result<void> check_writable(std::initializer_list<std::string> paths) {
     if (const auto writable = check_writable_file(path); !writable) return writable;
   }
   return {};
+}
+
+Result<void> check_ending(const std::string& path, std::initializer_list<std::string_view> endings,
+                          const char* option) {
+  if (path.empty()) return {};
+  for (const std::string_view ending : endings)
+    if (path.ends_with(ending)) return {};
+  return fail(ErrorCode::invalid_argument, "{s}", {}, option,
+              fmt::format("'{}' does not end in {}", path, fmt::join(endings, " or ")));
 }
 
 Result<void> check_apart(const std::string& path, const std::string& other, const char* option) {

@@ -262,7 +262,7 @@ const std::vector<Bad> kBad{
     {"render --epoch 2026-11-22 --pointing 1,2 --out x.fits", "'1,2' is not RA,DEC,ROLL"},
     {"render --epoch 2026-11-22 --pointing nan,0,0 --out x.fits", "'nan,0,0' is not RA,DEC,ROLL"},
     {"render --epoch 2026-11-22 --pointing 0,91,0 --out x.fits", "'0,91,0' is not a pointing"},
-    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.jpg", "ends neither in .fits nor in .png"},
+    {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.jpg", "'x.jpg' does not end in .fits or .fit or .png"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out nowhere/x.fits", "cannot be written"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out nowhere/x.png", "cannot be written"},
     {"render --epoch 2026-11-22 --pointing 1,2,3 --out x.fits --truth nowhere/t.json", "cannot be written"},
@@ -310,6 +310,8 @@ const std::vector<Bad> kBad{
     {"solve frame.fits --camera lorri", "the picture has"},
     {"solve frame.fits --epoch 2199-01-01 --observer earth", "the kernels do not reach"},
     {"solve frame.fits --epoch 2026-11-22 --observer marz", "'marz' is not an observer"},
+    {"solve frame.fits --picture x.jpg", "--picture: 'x.jpg' does not end in .png"},
+    {"solve frame.fits --wcs x.png", "--wcs: 'x.png' does not end in .fits or .fit"},
     {"solve frame.fits --raw 10x10,u32,0", "is not a raw layout"},
     {"solve frame.fits --raw 99999x99999,u16le,0", "at most 200000000 in all"},
 

@@ -140,6 +140,14 @@ Result<Picture> read_fits(Bytes file, const ReadLimits& limits) {
       }
     }
   }
+  // Squares of pixels must stay within single precision.
+  constexpr double kLeast = 1e-9, kMost = 1e24;
+  double largest = 0.0;
+  for (const float value : picture.pixels.pixels()) largest = std::max(largest, std::abs(static_cast<double>(value)));
+  if (largest > kMost || (largest > 0.0 && largest < kLeast)) {
+    return fail(ErrorCode::unsupported, "the largest value of this FITS picture is {0}; from {1} to {2} can be read",
+                {largest, kLeast, kMost});
+  }
   read_header(fits.file, picture.header);
 
   int equivalent = 0;

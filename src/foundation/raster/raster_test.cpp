@@ -260,6 +260,15 @@ TEST_F(Raster, FitsRoundTripWithTheTopRowLast) {
   ASSERT_TRUE(back);
   EXPECT_EQ(back->pixels(1, 0), -2.25f);
   EXPECT_EQ(back->white_level, 1.5);
+  for (const float scale : {1e30f, 1e-30f}) {
+    floats(2, 1) = scale;
+    floats(1, 0) = 0.5f * scale;
+    for (float& value : floats.pixels()) value = std::min(value, scale);
+    ASSERT_TRUE(write_fits(file("far.fits"), floats, {}));
+    const Result<Picture> far = read_picture(file("far.fits"));
+    ASSERT_FALSE(far);
+    EXPECT_EQ(far.error().code, ErrorCode::unsupported);
+  }
 }
 
 TEST_F(Raster, RawFrames) {
