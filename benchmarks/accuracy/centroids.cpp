@@ -231,16 +231,21 @@ void measure_planets(const TestCamera& camera, int windows) {
           sources.push_back(body);
           renderer.frame(sources, exposure_of(camera),
                          {.seed = 5, .image = static_cast<std::uint64_t>(w * kImages + i), .purpose = ""}, frame);
-          const std::size_t count = finder.find(std::as_const(frame).view(), spots);
-          const auto* spot = nearest({spots.data(), count}, body.pixel);
-          if (spot == nullptr || (w == 0 && i < 2)) continue;
-          const Vec2 error = spot->pixel.vec() - body.pixel.vec();
+          vision::FrameLevel level;
+          const std::size_t count = finder.find(std::as_const(frame).view(), spots, &level);
+          const auto* seen_spot = nearest({spots.data(), count}, body.pixel);
+          if (seen_spot == nullptr || (w == 0 && i < 2)) continue;
+          vision::Centroid spot = *seen_spot;
+          if (planet.radius_px > 0.0 && spot.saturated && method == vision::CentroidMethod::psf_fit)
+            finder.measure_disc(std::as_const(frame).view(), level,
+                                {planet.radius_px, body.sunward_px, planet.phase_rad}, spot);
+          const Vec2 error = spot.pixel.vec() - body.pixel.vec();
           sum += error;
           ++found;
           image2 += error.squaredNorm() / 2.0;
-          formal2 += spot->covariance_px2.trace() / 2.0;
-          repeating2 += spot->repeating_sigma_px * spot->repeating_sigma_px;
-          const Mat2 told = spot->covariance_px2 + Mat2::Identity() * std::pow(spot->repeating_sigma_px, 2);
+          formal2 += spot.covariance_px2.trace() / 2.0;
+          repeating2 += spot.repeating_sigma_px * spot.repeating_sigma_px;
+          const Mat2 told = spot.covariance_px2 + Mat2::Identity() * std::pow(spot.repeating_sigma_px, 2);
           chi2 += error.dot(told.inverse() * error) / 2.0;
         }
         seen += found;

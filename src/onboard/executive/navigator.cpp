@@ -83,6 +83,7 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
   if (!from_sun) return forward(from_sun);
   const auto from_center = ephemeris_->state(*known, body::solar_system_barycenter, emitted);
   if (!from_center) return forward(from_center);
+  prediction.sunward_N = -from_sun->p_m.normalized();
   const auto v_mag = planet_v_magnitude(beacon, {.p_body_from_sun_N = from_sun->p_m,
                                                  .p_body_from_observer_N = from_center->p_m - filter_.state().p_m,
                                                  .epoch = emitted});

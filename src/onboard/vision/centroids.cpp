@@ -42,7 +42,7 @@ double s_curve_rms(double sigma) {
 // Beside what the belief allows for: wings of no model's form. Means over windows of 36 images of saturated planets,
 // with coma and a displaced halo, are off by 0.0003 to 0.0018 px (benchmarks/accuracy/centroids.cpp).
 double repeating_sigma(const PsfFit& fit) {
-  constexpr double kLeast = 0.0005;
+  constexpr double kLeast = 0.0003;
   return std::hypot(fit.repeating_sigma_px, kLeast);
 }
 
@@ -259,7 +259,7 @@ Window CentroidFinder::core_about(ImageView<const std::uint16_t> image, Pixel pl
 }
 
 bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level,
-                                    std::span<const Pixel> guesses, double flux_dn,
+                                    std::span<const Pixel> guesses, double flux_dn, const LitDisc& disc,
                                     std::span<const LightBeside> beside, Centroid& spot) const {
   // A fit this good needs no other guess.
   constexpr double kGoodChi2 = 1.5;
@@ -272,12 +272,8 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
     const Window core = core_about(image, guess, kMaxFitWindow - 2 * (reach + 1));
     const Window window = grown(core, reach + 1, image.width(), image.height());
     if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) continue;
-    LocalLevel under = background_.at(guess);
-    if (background_.even()) {
-      under.background_dn = level.background_dn;
-      under.noise_dn = level.noise_dn;
-    }
-    const PsfFit fit = fit_psf_beside(image, window, guess, under, sensor_, psf, flux_dn, beside);
+    const PsfFit fit =
+        fit_psf_beside(image, window, guess, level_under(guess, level), sensor_, psf, flux_dn, disc, beside);
     if (!usable(fit) || (best.converged && fit.chi2_per_dof >= best.chi2_per_dof)) continue;
     best = fit;
     if (best.chi2_per_dof < kGoodChi2) break;
@@ -290,6 +286,29 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
     spot.repeating_sigma_px = best.repeating_sigma_px;
   }
   return true;
+}
+
+bool CentroidFinder::measure_disc(ImageView<const std::uint16_t> image, const FrameLevel& level, const LitDisc& disc,
+                                  Centroid& spot) const {
+  const LocalPsf psf = psf_.at(spot.pixel);
+  const int reach = psf.reach_px();
+  const Window core = core_about(image, spot.pixel, kMaxFitWindow - 2 * (reach + 1));
+  const Window window = grown(core, reach + 1, image.width(), image.height());
+  if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return false;
+  const PsfFit fit = fit_psf_of_disc(image, window, spot.pixel, level_under(spot.pixel, level), sensor_, psf, disc);
+  if (!usable(fit)) return false;
+  take(fit, spot);
+  return true;
+}
+
+// The background as it was measured where it is uneven.
+LocalLevel CentroidFinder::level_under(Pixel place, const FrameLevel& level) const {
+  LocalLevel under = background_.at(place);
+  if (background_.even()) {
+    under.background_dn = level.background_dn;
+    under.noise_dn = level.noise_dn;
+  }
+  return under;
 }
 
 // A hot pixel comes again, a proton does not.

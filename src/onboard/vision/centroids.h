@@ -63,10 +63,16 @@ class CentroidFinder {
   std::size_t find_above(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<Centroid> out);
   std::size_t find_above(ImageView<const float> image, const FrameLevel& level, std::span<Centroid> out);
 
-  // Measures one body of the last frame, of about `flux_dn`, beside others whose light runs into its own; from the first
-  // guess that leads to a good fit, or the best. False, and `spot` untouched, where that fails.
+  // Measures one body of the last frame, of about `flux_dn`, beside others whose light runs into its own (`disc`: of
+  // the radius 0 where it is a point's); from the first guess that leads to a good fit, or the best. False, and `spot`
+  // untouched, where that fails.
   bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<const Pixel> guesses,
-                      double flux_dn, std::span<const LightBeside> beside, Centroid& spot) const;
+                      double flux_dn, const LitDisc& disc, std::span<const LightBeside> beside, Centroid& spot) const;
+
+  // Measures a saturated spot of the last frame once more, as the disc that it is. False, and `spot` untouched, where
+  // that fails.
+  bool measure_disc(ImageView<const std::uint16_t> image, const FrameLevel& level, const LitDisc& disc,
+                    Centroid& spot) const;
 
   // What the last frame showed beside points of light, by its kind; places by the centre of light.
   std::span<const Centroid> others() const { return others_; }
@@ -125,6 +131,7 @@ class CentroidFinder {
   bool alone(const Window& window, const Region& region) const;
   // The saturated pixels that hang together about a place; that pixel alone where it is none of them.
   Window core_about(ImageView<const std::uint16_t> image, Pixel place, int most_px) const;
+  LocalLevel level_under(Pixel place, const FrameLevel& level) const;
   void learn();
 
   CentroidSettings settings_;

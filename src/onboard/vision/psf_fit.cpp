@@ -212,6 +212,15 @@ PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, cons
   return fit_patch(patch, guess, sensor, psf, evidence);
 }
 
+PsfFit fit_psf_of_disc(ImageView<const std::uint16_t> image, const Window& window, Pixel guess, const LocalLevel& level,
+                       const SensorModel& sensor, const LocalPsf& psf, const LitDisc& disc) {
+  ASTRONAV_CHECK(image.contains(window.u0, window.v0) && image.contains(window.u1, window.v1));
+  ASTRONAV_CHECK(window.width() <= kMaxFitWindow && window.height() <= kMaxFitWindow);
+  Patch patch;
+  patch.load(image, window, level, sensor);
+  return inflated(ShapeFit(patch, sensor).run(guess, psf.of_body(), nullptr, &disc));
+}
+
 template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, double background_dn,
                double background_sigma_dn, const SensorModel& sensor) {

@@ -11,6 +11,7 @@
 
 #include "foundation/image/image.h"
 #include "foundation/math/linear.h"
+#include "onboard/vision/lit_disc.h"
 #include "onboard/vision/psf_model.h"
 #include "onboard/vision/psf_profile.h"
 
@@ -55,6 +56,10 @@ struct LocalLevel {
 template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
                const SensorModel& sensor, const LocalPsf& psf, PsfEvidence* evidence = nullptr);
+
+// A saturated spot that is a small disc's: the place is its centre of light.
+PsfFit fit_psf_of_disc(ImageView<const std::uint16_t> image, const Window& window, Pixel guess, const LocalLevel& level,
+                       const SensorModel& sensor, const LocalPsf& psf, const LitDisc& disc);
 
 // As believed before any frame, on an even background.
 template <typename T>

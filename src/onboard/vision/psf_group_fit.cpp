@@ -59,10 +59,11 @@ struct Light {
 
 class GroupFitter {
  public:
-  GroupFitter(const Patch& patch, const SensorModel& sensor, const LocalPsf& psf, double flux_dn,
+  GroupFitter(const Patch& patch, const SensorModel& sensor, const LocalPsf& psf, double flux_dn, const LitDisc& disc,
               std::span<const LightBeside> beside)
       : patch_(patch),
         sensor_(sensor),
+        disc_(disc),
         beside_(beside),
         believed_(Vector::Zero(kOthers + kEach * static_cast<int>(beside.size()))),
         belief_(Matrix::Zero(believed_.size(), believed_.size())) {
@@ -125,8 +126,7 @@ class GroupFitter {
   void place(const Vector& p) {
     body_.compute(patch_.window, {p(0), p(1)}, shape_of(p));
     for (std::size_t k = 0; k < beside_.size(); ++k) {
-      Vec2 at = p.segment<2>(of_other(k));
-      if (beside_[k].from_body) at += p.head<2>();
+      const Vec2 at = place_of_other(p, k);
       others_[k].compute(patch_.window, {at.x(), at.y()}, shape_of(p));
     }
   }
@@ -221,11 +221,14 @@ class GroupFitter {
 
   void tell(const Vector& p, double cost, PsfFit& fit) const {
     const Eigen::LLT<Matrix> llt(whole_);
-    const Eigen::LLT<Mat3> known(Mat3(information_.topLeftCorner<ShapeFit::kShape, ShapeFit::kShape>()));
-    if (llt.info() != Eigen::Success || known.info() != Eigen::Success) return;
+    if (llt.info() != Eigen::Success) return;
     const Matrix covariance = llt.solve(Matrix::Identity(p.size(), p.size()));
     fit.converged = true;
     fit.pixel = {p(0), p(1)};
+    if (disc_.radius_px > 0.0) {
+      const Vector pulled = covariance * slope_of_disc(p);
+      fit.pixel = {p(0) - pulled(0), p(1) - pulled(1)};
+    }
     fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
     fit.flux_dn = std::exp(p(ShapeFit::kFlux)) * (1.0 + p(ShapeFit::kShape + LocalPsf::halo_share));
     // The belief, as one more measurement of the flux, is taken off again.
@@ -234,13 +237,38 @@ class GroupFitter {
     fit.chi2_per_dof = cost / std::max(1, pixels_ - ShapeFit::kShape);
     fit.flux_sigma_dn = fit.flux_dn * std::sqrt(std::max(1.0, fit.chi2_per_dof) / std::max(told, 1e-12));
     // What shape and the others' places and light move the place by comes again in the next image.
-    fit.noise_px2 = Mat3(known.solve(Mat3::Identity())).topLeftCorner<2, 2>();
+    fit.noise_px2 = Matrix(covariance * information_ * covariance).topLeftCorner<2, 2>();
     fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));
     fit = inflated(fit);
   }
 
+  // As in ShapeFit; all lights as believed.
+  Vector slope_of_disc(const Vector& p) const {
+    constexpr int kShape = ShapeFit::kShape;
+    const LocalPsf::Vector believed = shape_of(believed_);
+    WindowLight light{};
+    add_light(disc_, {p(0), p(1)}, std::exp(p(ShapeFit::kFlux)), believed, patch_.window, light);
+    for (std::size_t k = 0; k < beside_.size(); ++k) {
+      const Vec2 at = place_of_other(p, k);
+      add_light({}, {at.x(), at.y()}, std::exp(p(of_other(k) + ShapeFit::kFlux)), believed, patch_.window, light);
+    }
+    Vector slope = Vector::Zero(p.size());
+    slope.segment<LocalPsf::count>(kShape) =
+        belief_.block<LocalPsf::count, LocalPsf::count>(kShape, kShape) * (believed - shape_of(p));
+    for_each_pixel(p, [&](std::size_t k, double signal, double, const Vector& slopes) {
+      slope += weight_[k] * (light[k] - signal) * slopes;
+    });
+    return slope;
+  }
+
+  Vec2 place_of_other(const Vector& p, std::size_t k) const {
+    const Vec2 at = p.segment<2>(of_other(k));
+    return beside_[k].from_body ? Vec2(p.head<2>() + at) : at;
+  }
+
   const Patch& patch_;
   const SensorModel& sensor_;
+  LitDisc disc_;
   std::span<const LightBeside> beside_;
   Vector believed_;
   Matrix belief_;
@@ -255,14 +283,14 @@ class GroupFitter {
 }  // namespace
 
 PsfFit fit_psf_beside(ImageView<const std::uint16_t> image, const Window& window, Pixel guess, const LocalLevel& level,
-                      const SensorModel& sensor, const LocalPsf& psf, double flux_dn,
+                      const SensorModel& sensor, const LocalPsf& psf, double flux_dn, const LitDisc& disc,
                       std::span<const LightBeside> beside) {
   ASTRONAV_CHECK(image.contains(window.u0, window.v0) && image.contains(window.u1, window.v1));
   ASTRONAV_CHECK(window.width() <= kMaxFitWindow && window.height() <= kMaxFitWindow);
   ASTRONAV_CHECK(flux_dn > 0.0 && beside.size() <= kMostBeside);
   Patch patch;
   patch.load(image, window, level, sensor);
-  return GroupFitter(patch, sensor, psf, flux_dn, beside).run(guess);
+  return GroupFitter(patch, sensor, psf, flux_dn, disc, beside).run(guess);
 }
 
 }  // namespace astronav::vision

@@ -23,11 +23,11 @@ struct LightBeside {
 
 inline constexpr std::size_t kMostBeside = 4;
 
-// Place and light of a body, believed to have `flux_dn`, among at most kMostBeside others. `guess` within about 2 px of
-// it; the window is about the body and may hold of the others what it will. The flux's sigma is of what the frame
-// tells, without the belief. At most 40 iterations of some 0.1 ms; does not allocate.
+// Place and light of a body, believed to have `flux_dn`, a point or a small disc, among at most kMostBeside others.
+// `guess` within about 2 px of it; the window is about the body and may hold of the others what it will. The flux's
+// sigma is of what the frame tells, without the belief. At most 40 iterations of some 0.1 ms; does not allocate.
 PsfFit fit_psf_beside(ImageView<const std::uint16_t> image, const Window& window, Pixel guess, const LocalLevel& level,
-                      const SensorModel& sensor, const LocalPsf& psf, double flux_dn,
+                      const SensorModel& sensor, const LocalPsf& psf, double flux_dn, const LitDisc& disc,
                       std::span<const LightBeside> beside);
 
 }  // namespace astronav::vision

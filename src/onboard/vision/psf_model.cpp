@@ -15,7 +15,7 @@ constexpr double kHaloWidthRelative = 0.3;
 // One object differs from the next by this much in width, relative: colour, and a disc if it is a body's.
 constexpr double kWidthOfStars = 0.005, kWidthOfBodies = 0.1;
 // Optics drift with temperature, and no model of them is exact: no belief becomes firmer than this.
-constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.02, kLeastOffsetPx = 0.005;
+constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.01, kLeastOffsetPx = 0.0025;
 
 LocalPsf::Vector least_sigma(const SensorModel& sensor) {
   LocalPsf::Vector sigma;

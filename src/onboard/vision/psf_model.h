@@ -24,10 +24,10 @@ struct SensorModel {
   // What is believed of the halo, and what the belief may be wrong by, 1 sigma.
   double halo_fraction = 0.01;  // its light, over the core's; as much again is its uncertainty
   double halo_sigma_px = 3.0;
-  double psf_sigma_relative = 0.08;   // of the core's width, at the middle and at the corners
-  double psf_shape_relative = 0.003;  // of the light in a pixel: no core is a Gaussian
-  double halo_shape_relative = 0.03;  // of the halo's light in a pixel, nor is a halo
-  double halo_offset_px = 0.2;        // of the halo's centre from the core's, each axis
+  double psf_sigma_relative = 0.08;    // of the core's width, at the middle and at the corners
+  double psf_shape_relative = 0.003;   // of the light in a pixel: no core is a Gaussian
+  double halo_shape_relative = 0.012;  // of the halo's light in a pixel, nor is a halo
+  double halo_offset_px = 0.2;         // of the halo's centre from the core's, each axis
 
   // Saturation: 95 % of the lower of full well and converter range, where clipping does not bite yet.
   static SensorModel from(const Camera& camera);

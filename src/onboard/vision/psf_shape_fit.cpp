@@ -85,6 +85,35 @@ void PointProfiles::compute(const Window& w, Pixel at, const LocalPsf::Vector& s
   outer_y.compute(w.v0, w.height(), halo_v, LocalPsf::kOuterWidth * width);
 }
 
+namespace {
+
+void add_point(Pixel at_px, double core_flux, const LocalPsf::Vector& shape, const Window& window, WindowLight& light) {
+  const double share = shape(LocalPsf::halo_share), outer = shape(LocalPsf::outer_share);
+  PointProfiles point;
+  point.compute(window, at_px, shape);
+  for (int j = 0; j < window.height(); ++j) {
+    const double core_y = core_flux * at(point.y.share, j);
+    const double inner_y = core_flux * share * (1.0 - outer) * at(point.inner_y.share, j);
+    const double outer_y = core_flux * share * outer * at(point.outer_y.share, j);
+    double* const row = light.data() + j * kMaxFitWindow;
+    for (int i = 0; i < window.width(); ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      row[i] += core_y * point.x.share[k] + inner_y * point.inner_x.share[k] + outer_y * point.outer_x.share[k];
+    }
+  }
+}
+
+}  // namespace
+
+void add_light(const LitDisc& disc, Pixel at, double core_flux, const LocalPsf::Vector& shape, const Window& window,
+               WindowLight& light) {
+  if (!(disc.radius_px > 0.0)) return add_point(at, core_flux, shape, window, light);
+  for (const DiscPoint& part : points_of(disc)) {
+    const Pixel there{at.u + part.offset_px.x(), at.v + part.offset_px.y()};
+    add_point(there, core_flux * part.share, shape, window, light);
+  }
+}
+
 void ShapeFit::profiles(const Vector& p) {
   point_.compute(patch_.window, {p(0), p(1)}, p.tail<LocalPsf::count>());
 }
@@ -262,7 +291,7 @@ PsfEvidence ShapeFit::evidence(const Vector& p) const {
   return found;
 }
 
-PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_out) {
+PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_out, const LitDisc* disc) {
   PsfFit fit;
   fit.saturated = true;
   fit.sigma_px = prior.sigma_px();
@@ -326,18 +355,34 @@ PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_o
   const Eigen::LLT<Matrix> llt(whole);
   if (llt.info() != Eigen::Success) return PsfFit{};
   const Matrix covariance = llt.solve(Matrix::Identity());
-  const Eigen::LLT<Mat3> known(Mat3(information_.topLeftCorner<kShape, kShape>()));
-  if (known.info() != Eigen::Success) return PsfFit{};
   fit.pixel = {p(0), p(1)};
   fit.flux_dn = std::exp(p(kFlux)) * (1.0 + p(kShape + LocalPsf::halo_share));
   fit.flux_sigma_dn = fit.flux_dn * std::sqrt(covariance(kFlux, kFlux));
   fit.sigma_px = p(kShape + LocalPsf::width);
   fit.chi2_per_dof = cost / std::max(1, pixels_ - kParameters);
   fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
-  fit.noise_px2 = Mat3(known.solve(Mat3::Identity())).topLeftCorner<2, 2>();
+  // W^-1 = W^-1 (J + B) W^-1: the image's noise, and what is believed, which the next image shares.
+  fit.noise_px2 = (covariance * information_ * covariance).topLeftCorner<2, 2>();
   fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));
   if (evidence_out != nullptr) *evidence_out = evidence(p);
+  if (disc != nullptr) {
+    const Vector pulled = covariance * slope_of_disc(*disc, prior, p);
+    fit.pixel = {p(0) - pulled(0), p(1) - pulled(1)};
+  }
   return fit;
+}
+
+// Of the way from p to where this fit would end if the light were a disc's at p's place, seen as believed (eq. 8b).
+ShapeFit::Vector ShapeFit::slope_of_disc(const LitDisc& disc, const LocalPsf& prior, const Vector& p) const {
+  Patch ideal = patch_;
+  ideal.light.fill(0.0);
+  add_light(disc, {p(0), p(1)}, std::exp(p(kFlux)), prior.value, patch_.window, ideal.light);
+  ShapeFit again(ideal, sensor_);
+  again.look(p);
+  Vector slope = again.gradient();
+  const LocalPsf::Vector off = prior.value - p.tail<LocalPsf::count>();
+  slope.tail<LocalPsf::count>() += prior.covariance.llt().solve(off);
+  return slope;
 }
 
 }  // namespace astronav::vision

@@ -34,6 +34,11 @@ struct PointProfiles {
   void compute(const Window& w, Pixel at, const LocalPsf::Vector& shape);
 };
 
+// Light of a body whose core as a point would have `core_flux`, added to that of a window in rows of kMaxFitWindow.
+using WindowLight = std::array<double, kMaxFitWindow * kMaxFitWindow>;
+void add_light(const LitDisc& disc, Pixel at, double core_flux, const LocalPsf::Vector& shape, const Window& window,
+               WindowLight& light);
+
 // Beyond this chi-square per degree of freedom something else is in the window, and the covariance grows with it.
 PsfFit inflated(PsfFit fit);
 
@@ -45,8 +50,9 @@ class ShapeFit {
 
   ShapeFit(const Patch& patch, const SensorModel& sensor) : patch_(patch), sensor_(sensor) {}
 
-  // A saturated spot. `prior`: what is believed of the point-spread function here.
-  PsfFit run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence);
+  // A saturated spot. `prior`: what is believed of the point-spread function here. `disc`: the place is corrected for
+  // what a fit as a point makes of it.
+  PsfFit run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence, const LitDisc* disc = nullptr);
 
   // Weights from the model at p, then information and gradient of the likelihood, and chi-square.
   void look(const Vector& p) {
@@ -62,6 +68,7 @@ class ShapeFit {
 
  private:
   bool inside(const Vector& p) const;
+  Vector slope_of_disc(const LitDisc& disc, const LocalPsf& prior, const Vector& p) const;
   bool start_flux(Vector& p);
   void profiles(const Vector& p);
   void weigh(const Vector& p);

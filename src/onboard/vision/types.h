@@ -78,6 +78,7 @@ struct PlanetPrediction {
   Vec3 companion_direction_N = Vec3::Zero();
   double companion_flux_dn = 0.0;
   double angular_radius_rad = 0.0;  // of the body; 0: a point
+  Vec3 sunward_N = Vec3::Zero();    // unit vector from the body to the Sun; zero: not known
 };
 
 struct PlanetMatch {

@@ -78,7 +78,7 @@ class Vision {
   void attend_stars(const Mat3& R_CN, std::size_t most, double reach_px);
   void attend_planets(const AttitudeSolution& attitude, std::span<const PlanetPrediction> predictions);
   // What a disc, fitted as a point, adds to the error that repeats.
-  double repeating_of_disc(const PlanetPrediction& prediction) const;
+  LitDisc disc_of(const PlanetPrediction& prediction) const;
   bool stayed(const PlanetMatch& match, Epoch epoch);
   void admit_discs(std::span<const PlanetPrediction> predictions);
   // vision_planets.cpp: which spot is which body.
@@ -90,6 +90,7 @@ class Vision {
     Pixel at;  // foretold
     Mat2 covariance_px2 = Mat2::Identity();
     double flux_dn = 0.0;  // 0: nothing is known of its light
+    LitDisc disc{};        // of no radius where it is a point, or its Sun is not known
     bool asked = true;
     // The other of a pair whose offset is foretold better than their places (the Earth and the Moon).
     std::size_t partner = kNone;
@@ -100,6 +101,10 @@ class Vision {
     bool mixed = false;            // its light cannot be told from theirs
   };
   void list_bodies(std::span<const PlanetPrediction> predictions);
+  static double foretold_px(const Body& body) { return std::sqrt(body.covariance_px2.trace()); }
+  void see_discs(ImageView<const std::uint16_t> frame, std::size_t asked);
+  void see_as_disc(ImageView<const std::uint16_t> frame, const Body& body, Centroid& spot);
+  double repeating_of_disc(const PlanetPrediction& prediction, const Body& body) const;
   // What runs into a body's light.
   struct Company {
     std::array<LightBeside, kMostBeside> lights;

@@ -73,6 +73,7 @@ void Vision::name_planets(ImageView<const std::uint16_t> frame, const Observer& 
                           std::span<const PlanetPrediction> predictions) {
   list_bodies(predictions);
   for (const std::size_t index : by_light_) part(frame, observer, index);
+  see_discs(frame, predictions.size());
   const double area_px = result_.whole ? 0.0 : attention_.area_px();
   for (std::size_t i = 0; i < predictions.size(); ++i) {
     if (bodies_[i].mixed) continue;
@@ -92,8 +93,9 @@ void Vision::name_planets(ImageView<const std::uint16_t> frame, const Observer& 
     if (!planets_[i].found) continue;
     is_star_[planets_[i].centroid] = 1;
     Centroid& spot = centroids_[planets_[i].centroid];
-    if (spot.saturated)
-      spot.repeating_sigma_px = std::hypot(spot.repeating_sigma_px, repeating_of_disc(predictions[i]));
+    if (!spot.saturated) continue;
+    if (foretold_px(bodies_[i]) > kSurePx) see_as_disc(frame, bodies_[i], spot);
+    spot.repeating_sigma_px = std::hypot(spot.repeating_sigma_px, repeating_of_disc(predictions[i], bodies_[i]));
   }
   for (std::size_t i = 0; i < predictions.size(); ++i) {
     const std::size_t other = bodies_[i].leans_on;
@@ -113,8 +115,43 @@ bool Vision::stayed(const PlanetMatch& match, Epoch epoch) {
   return memory_.agrees(match.body, attitude.R_CN.transpose() * *direction_C, sigma, epoch, settings_.planets);
 }
 
-double Vision::repeating_of_disc(const PlanetPrediction& prediction) const {
-  return skew_of_disc_px(prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px, psf_sigma_px_);
+// A spot that saturates shows the wings, and those of a disc are skew: as a point's it would stand beside a narrow
+// gate.
+void Vision::see_as_disc(ImageView<const std::uint16_t> frame, const Body& body, Centroid& spot) {
+  if (spot.saturated && body.spot == kNone && body.disc.radius_px > 0.0)
+    finder_.measure_disc(frame, result_.level, body.disc, spot);
+}
+
+void Vision::see_discs(ImageView<const std::uint16_t> frame, std::size_t asked) {
+  for (std::size_t b = 0; b < asked; ++b) {
+    const Body& body = bodies_[b];
+    if (!(body.flux_dn > 0.0) || foretold_px(body) > kSurePx) continue;
+    for (std::size_t i = 0; i < result_.centroids.size(); ++i) {
+      if (!is_star_[i] && (centroids_[i].pixel.vec() - body.at.vec()).norm() < kAlonePx + 3.0 * foretold_px(body))
+        see_as_disc(frame, body, centroids_[i]);
+    }
+  }
+}
+
+// Where it is known from where the Sun shines, what is left is what no law of scattering gets right.
+double Vision::repeating_of_disc(const PlanetPrediction& prediction, const Body& body) const {
+  constexpr double kLawOfLight = 0.1;
+  const double radius_px = prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px;
+  const double skew_px = skew_of_disc_px(radius_px, psf_sigma_px_);
+  return body.disc.radius_px > 0.0 ? kLawOfLight * skew_px : skew_px;
+}
+
+LitDisc Vision::disc_of(const PlanetPrediction& prediction) const {
+  constexpr double kLeastRadiusPx = 0.1;  // its skewness moves the place by a micropixel
+  const AttitudeSolution& attitude = result_.attitude;
+  const double radius_px = prediction.angular_radius_rad * attitude.intrinsics.fx_px;
+  const Vec3 sunward_C = attitude.R_CN * prediction.sunward_N, sight_C = attitude.R_CN * prediction.direction_N;
+  Mat23 by_direction;
+  if (radius_px < kLeastRadiusPx || sunward_C.isZero() || !project(attitude.intrinsics, sight_C, &by_direction))
+    return {};
+  const Vec2 sunward_px = by_direction * (sunward_C - sunward_C.dot(sight_C) * sight_C);
+  if (!(sunward_px.norm() > 0.0)) return {.radius_px = radius_px};
+  return {radius_px, sunward_px.normalized(), angle_between(sunward_C, Vec3(-sight_C))};
 }
 
 // The predictions in their order, then bodies that were told beside them and are not predicted themselves.
@@ -128,6 +165,7 @@ void Vision::list_bodies(std::span<const PlanetPrediction> predictions) {
     bodies_.back().at = place->pixel;
     bodies_.back().covariance_px2 = place->covariance_px2;
     bodies_.back().flux_dn = prediction.expected_flux_dn;
+    bodies_.back().disc = disc_of(prediction);
   }
   for (std::size_t i = 0; i < predictions.size(); ++i) {
     const PlanetPrediction& prediction = predictions[i];
@@ -208,7 +246,7 @@ void Vision::add_stars(const Body& body, const Observer& observer, Company& comp
   constexpr double kOfBody = 0.003;      // what no form of the point-spread function gets right
   const double zero_point = identifier_.zero_point_mag();
   const AttitudeSolution& attitude = result_.attitude;
-  const double sigma_px = std::sqrt(body.covariance_px2.trace());
+  const double sigma_px = foretold_px(body);
   if (!std::isfinite(zero_point) || sigma_px > kSurePx || attitude.mirrored) return;
   const Result<Vec3> direction_C = unproject(attitude.intrinsics, body.at);
   if (!direction_C) return;
@@ -283,7 +321,7 @@ void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer
   const Company company = company_of(index, observer);
   body.mixed = company.mixed;
   if (body.mixed) return;
-  const double sigma_px = std::sqrt(body.covariance_px2.trace());
+  const double sigma_px = foretold_px(body);
   const bool sure = sigma_px < kSurePx;
   // Alone it has a spot of its own, if that was not cut by the frame's edge, or set apart with another that it ran
   // into.
@@ -300,7 +338,7 @@ void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer
   }
   Centroid measured;
   bool good = count > 0 && finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn,
-                                                  company.all(), measured);
+                                                  body.disc, company.all(), measured);
   if (good && by_partner) {
     // It was foretold from there: a fit that ends elsewhere has gone astray.
     const double foretold_px = std::sqrt(2.0 * body.offset_sigma_px * body.offset_sigma_px +
@@ -323,7 +361,7 @@ void Vision::part(ImageView<const std::uint16_t> frame, const Observer& observer
 bool Vision::part_brightest(ImageView<const std::uint16_t> frame, Body& body, const Company& company) {
   const LightBeside& first = company.lights[0];
   const Vec2 offset = first.from_body ? first.at_px : Vec2(first.at_px - body.at.vec());
-  const double sigma_px = std::sqrt(body.covariance_px2.trace());
+  const double sigma_px = foretold_px(body);
   const std::size_t chosen = free_spot(body, std::max(kBlendedPx, 0.5 * offset.norm()) + 3.0 * sigma_px, true);
   if (chosen == kNone) return false;
   std::array<Pixel, 5> guesses;
@@ -332,7 +370,7 @@ bool Vision::part_brightest(ImageView<const std::uint16_t> frame, Body& body, co
   for (const double share : {0.0, 0.3, 0.6, 1.0})
     guesses[count++] = pixel_at(centroids_[chosen].pixel.vec() - share * offset);
   Centroid measured = centroids_[chosen];
-  body.mixed = !finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn,
+  body.mixed = !finder_.measure_beside(frame, result_.level, std::span(guesses).first(count), body.flux_dn, body.disc,
                                        company.all(), measured) ||
                !as_bright(measured.flux_dn, body.flux_dn);
   if (body.mixed) return true;
@@ -354,7 +392,7 @@ bool Vision::cleared_of_stars(ImageView<const std::uint16_t> frame, const Observ
   add_stars(body, observer, company);
   if (company.count == 0) return true;
   Centroid measured = spot;
-  if (!finder_.measure_beside(frame, result_.level, {&body.at, 1}, body.flux_dn, company.all(), measured) ||
+  if (!finder_.measure_beside(frame, result_.level, {&body.at, 1}, body.flux_dn, body.disc, company.all(), measured) ||
       !is_there(measured, body.flux_dn) || (measured.pixel.vec() - body.at.vec()).norm() > kSurePx)
     return company.pull_px <= kPulledPx;
   spot = measured;

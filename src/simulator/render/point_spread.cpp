@@ -18,10 +18,11 @@ constexpr double kOuterHaloWidth = 2.0;
 constexpr double kFaintest = 0.1;   // electrons a pixel, below which a source's wing is left out
 constexpr double kCoreReach = 4.0;  // sigma, at least
 
-// What is smaller than this is not drawn: it would widen a spot by 1e-5 px or less.
+// What is smaller than this is not drawn: it would widen a spot by 1e-5 px or less. (A disc that did so by 0.005 px
+// still moved a fit of two bodies, where the brighter one is full, by 0.003 px.)
 constexpr double kLeastMotion = 0.02;  // px, from end to end
 constexpr double kLeastComa = 0.02;    // px, of the whole pattern
-constexpr double kLeastDisc = 0.25;    // radius over the core's sigma
+constexpr double kLeastDisc = 0.03;    // radius over the core's sigma
 
 // How densely motion and discs are sampled, in sigmas of the Gaussian that smooths them; through a measured kernel, in
 // pixels.
