@@ -194,7 +194,9 @@ constexpr Planet kPlanets[] = {{"V 1.5", 6e5, 0.0, 0.0},
                                {"Jupiter", 2.3e7, 0.0, 0.0},
                                {"Venus", 1.4e8, 0.0, 0.0},
                                {"Jupiter, disc", 2.3e7, 0.28, 10.0 * kDegree},
-                               {"Venus, disc", 1.4e8, 0.4, 80.0 * kDegree}};
+                               {"Venus, disc", 1.4e8, 0.4, 80.0 * kDegree},
+                               {"Mars, nearer", 1.0e8, 0.7, 48.0 * kDegree},
+                               {"Mars, near", 2.5e8, 1.25, 66.0 * kDegree}};
 
 // Windows of 36 images of one planet among 150 stars, dithered by 50 px (1 sigma), each in another part of the field.
 // The first two frames of a camera are not counted: what is learned in flight is learned there and after.

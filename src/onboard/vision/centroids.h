@@ -69,10 +69,9 @@ class CentroidFinder {
   bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<const Pixel> guesses,
                       double flux_dn, const LitDisc& disc, std::span<const LightBeside> beside, Centroid& spot) const;
 
-  // Measures a saturated spot of the last frame once more, as the disc that it is. False, and `spot` untouched, where
-  // that fails.
-  bool measure_disc(ImageView<const std::uint16_t> image, const FrameLevel& level, const LitDisc& disc,
-                    Centroid& spot) const;
+  // Measures a saturated spot of the last frame once more, as the disc that it is; what it taught of the point-spread
+  // function as a point's is learnt anew. False, and `spot` untouched, where that fails.
+  bool measure_disc(ImageView<const std::uint16_t> image, const FrameLevel& level, const LitDisc& disc, Centroid& spot);
 
   // What the last frame showed beside points of light, by its kind; places by the centre of light.
   std::span<const Centroid> others() const { return others_; }
@@ -133,6 +132,7 @@ class CentroidFinder {
   Window core_about(ImageView<const std::uint16_t> image, Pixel place, int most_px) const;
   LocalLevel level_under(Pixel place, const FrameLevel& level) const;
   void learn();
+  void learn_anew(Pixel place, const PsfEvidence& evidence);
 
   CentroidSettings settings_;
   SensorModel sensor_;

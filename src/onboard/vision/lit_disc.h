@@ -18,11 +18,14 @@ struct DiscPoint {
   Vec2 offset_px;  // from the disc's centre of light
   double share;    // of its light; all together 1
 };
-inline constexpr int kDiscRows = 4, kDiscColumns = 4;
+inline constexpr int kDiscRows = 6, kDiscColumns = 6;
 using DiscPoints = std::array<DiscPoint, kDiscRows * kDiscColumns>;
 
 // Lambert's law: Gauss-Legendre across the disc, and in each row from the terminator to the limb (docs/theory/vision.md
 // eq. 8b).
 DiscPoints points_of(const LitDisc& disc);
+
+// How far they lie from its centre of light along u and v, mean squares; zero for a point.
+Vec2 spread_px2(const LitDisc& disc);
 
 }  // namespace astronav::vision

@@ -37,7 +37,7 @@ struct Light {
   double signal, halo;
   ShapeFit::Vector slopes;
 
-  Light(const PointProfiles& of, std::size_t i, std::size_t j, double flux, const LocalPsf::Vector& shape) {
+  Light(const SpotProfiles& of, std::size_t i, std::size_t j, double flux, const LocalPsf::Vector& shape) {
     const double share = shape(LocalPsf::halo_share), outer = shape(LocalPsf::outer_share), inner = 1.0 - outer;
     const double a = of.inner_x.share[i] * of.inner_y.share[j], b = of.outer_x.share[i] * of.outer_y.share[j];
     const double around = flux * (inner * a + outer * b);
@@ -62,12 +62,14 @@ class GroupFitter {
   GroupFitter(const Patch& patch, const SensorModel& sensor, const LocalPsf& psf, double flux_dn, const LitDisc& disc,
               std::span<const LightBeside> beside)
       : patch_(patch),
+        light_(patch.light),
         sensor_(sensor),
         disc_(disc),
+        spread_px2_(spread_px2(disc)),
         beside_(beside),
         believed_(Vector::Zero(kOthers + kEach * static_cast<int>(beside.size()))),
         belief_(Matrix::Zero(believed_.size(), believed_.size())) {
-    const LocalPsf prior = patch.saturated() ? psf.of_body() : psf;
+    const LocalPsf prior = disc.radius_px > 0.0 ? psf.of_disc() : patch.saturated() ? psf.of_body() : psf;
     const double whole = 1.0 + prior.value[LocalPsf::halo_share];
     believed_(ShapeFit::kFlux) = std::log(flux_dn / whole);
     believed_.segment<LocalPsf::count>(ShapeFit::kShape) = prior.value;
@@ -85,10 +87,30 @@ class GroupFitter {
   }
 
   PsfFit run(Pixel guess) {
+    // As in fit_psf_of_disc().
+    constexpr int kMostPasses = 8;
+    constexpr double kSettled = 2e-4;
+    believed_.head<2>() = guess.vec();  // of no weight
+    p_ = believed_;
+    PsfFit fit = settle();
+    if (!(disc_.radius_px > 0.0)) return fit;
+    for (int pass = 0; pass < kMostPasses && fit.converged; ++pass) {
+      const Vec2 before = p_.head<2>();
+      const WindowLight more = beyond_spot(disc_, {p_(0), p_(1)}, std::exp(p_(ShapeFit::kFlux)),
+                                           p_(ShapeFit::kShape + LocalPsf::width), patch_.window);
+      for (std::size_t k = 0; k < more.size(); ++k) light_[k] = patch_.light[k] - more[k];
+      fit = settle();
+      if ((p_.head<2>() - before).norm() < kSettled) break;
+    }
+    return fit;
+  }
+
+ private:
+  // From p_ to where the fit ends.
+  PsfFit settle() {
     PsfFit fit;
     fit.saturated = patch_.saturated();
-    believed_.head<2>() = guess.vec();  // of no weight
-    Vector p = believed_;
+    Vector& p = p_;
     place(p);
     weigh(p);
     double cost = linearize(p), damping = 1e-3;
@@ -117,17 +139,16 @@ class GroupFitter {
     return fit;
   }
 
- private:
   static bool small(const Vector& step, int at, double place_px) {
     return step.segment<2>(at).norm() < place_px && std::abs(step(at + ShapeFit::kFlux)) < kFluxConverged;
   }
   static int of_other(std::size_t k) { return kOthers + kEach * static_cast<int>(k); }
 
   void place(const Vector& p) {
-    body_.compute(patch_.window, {p(0), p(1)}, shape_of(p));
+    body_.compute(patch_.window, {p(0), p(1)}, shape_of(p), spread_px2_);
     for (std::size_t k = 0; k < beside_.size(); ++k) {
       const Vec2 at = place_of_other(p, k);
-      others_[k].compute(patch_.window, {at.x(), at.y()}, shape_of(p));
+      others_[k].compute(patch_.window, {at.x(), at.y()}, shape_of(p), Vec2::Zero());
     }
   }
 
@@ -175,7 +196,7 @@ class GroupFitter {
     place(p);
     double chi2 = (believed_ - p).dot(belief_ * (believed_ - p));
     for_each_pixel(p, [&](std::size_t k, double signal, double, const Vector&) {
-      const double residual = patch_.light[k] - signal;
+      const double residual = light_[k] - signal;
       chi2 += weight_[k] * residual * residual;
     });
     return chi2;
@@ -187,7 +208,7 @@ class GroupFitter {
     double chi2 = (believed_ - p).dot(slope_);
     pixels_ = 0;
     for_each_pixel(p, [&](std::size_t k, double signal, double, const Vector& slopes) {
-      const double residual = patch_.light[k] - signal;
+      const double residual = light_[k] - signal;
       const Vector weighted = weight_[k] * slopes;
       information_.noalias() += weighted * slopes.transpose();
       slope_ += residual * weighted;
@@ -225,10 +246,6 @@ class GroupFitter {
     const Matrix covariance = llt.solve(Matrix::Identity(p.size(), p.size()));
     fit.converged = true;
     fit.pixel = {p(0), p(1)};
-    if (disc_.radius_px > 0.0) {
-      const Vector pulled = covariance * slope_of_disc(p);
-      fit.pixel = {p(0) - pulled(0), p(1) - pulled(1)};
-    }
     fit.covariance_px2 = covariance.topLeftCorner<2, 2>();
     fit.flux_dn = std::exp(p(ShapeFit::kFlux)) * (1.0 + p(ShapeFit::kShape + LocalPsf::halo_share));
     // The belief, as one more measurement of the flux, is taken off again.
@@ -242,38 +259,21 @@ class GroupFitter {
     fit = inflated(fit);
   }
 
-  // As in ShapeFit; all lights as believed.
-  Vector slope_of_disc(const Vector& p) const {
-    constexpr int kShape = ShapeFit::kShape;
-    const LocalPsf::Vector believed = shape_of(believed_);
-    WindowLight light{};
-    add_light(disc_, {p(0), p(1)}, std::exp(p(ShapeFit::kFlux)), believed, patch_.window, light);
-    for (std::size_t k = 0; k < beside_.size(); ++k) {
-      const Vec2 at = place_of_other(p, k);
-      add_light({}, {at.x(), at.y()}, std::exp(p(of_other(k) + ShapeFit::kFlux)), believed, patch_.window, light);
-    }
-    Vector slope = Vector::Zero(p.size());
-    slope.segment<LocalPsf::count>(kShape) =
-        belief_.block<LocalPsf::count, LocalPsf::count>(kShape, kShape) * (believed - shape_of(p));
-    for_each_pixel(p, [&](std::size_t k, double signal, double, const Vector& slopes) {
-      slope += weight_[k] * (light[k] - signal) * slopes;
-    });
-    return slope;
-  }
-
   Vec2 place_of_other(const Vector& p, std::size_t k) const {
     const Vec2 at = p.segment<2>(of_other(k));
     return beside_[k].from_body ? Vec2(p.head<2>() + at) : at;
   }
 
   const Patch& patch_;
+  WindowLight light_;  // as if the body were a point
   const SensorModel& sensor_;
   LitDisc disc_;
+  Vec2 spread_px2_;
   std::span<const LightBeside> beside_;
-  Vector believed_;
+  Vector believed_, p_;
   Matrix belief_;
-  PointProfiles body_;
-  std::array<PointProfiles, kMostBeside> others_;
+  SpotProfiles body_;
+  std::array<SpotProfiles, kMostBeside> others_;
   std::array<double, kMaxFitWindow * kMaxFitWindow> weight_;
   Matrix information_, whole_;
   Vector slope_;

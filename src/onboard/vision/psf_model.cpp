@@ -13,9 +13,9 @@ namespace {
 constexpr double kOuterShare = 0.3, kOuterShareSigma = 0.3;
 constexpr double kHaloWidthRelative = 0.3;
 // One object differs from the next by this much in width, relative: colour, and a disc if it is a body's.
-constexpr double kWidthOfStars = 0.005, kWidthOfBodies = 0.1;
+constexpr double kWidthOfStars = 0.005, kWidthOfBodies = 0.1, kWidthOfDiscs = 0.02;
 // Optics drift with temperature, and no model of them is exact: no belief becomes firmer than this.
-constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.01, kLeastOffsetPx = 0.0025;
+constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.006, kLeastOffsetPx = 0.0015;
 
 LocalPsf::Vector least_sigma(const SensorModel& sensor) {
   LocalPsf::Vector sigma;
@@ -56,10 +56,16 @@ LocalPsf LocalPsf::learnt(const SensorModel& sensor) {
   return psf;
 }
 
-LocalPsf LocalPsf::of_body() const {
+LocalPsf LocalPsf::wider_by(double relative) const {
   LocalPsf psf = *this;
-  psf.covariance(width, width) += kWidthOfBodies * kWidthOfBodies * sigma_px() * sigma_px();
+  psf.covariance(width, width) += relative * relative * sigma_px() * sigma_px();
   return psf;
+}
+LocalPsf LocalPsf::of_body() const {
+  return wider_by(kWidthOfBodies);
+}
+LocalPsf LocalPsf::of_disc() const {
+  return wider_by(kWidthOfDiscs);
 }
 
 // A disc lit from one side is skew: its third cumulant along the Sun's direction is up to 0.013 R^3 (Lambert). At x

@@ -58,6 +58,11 @@ struct LocalPsf {
   static LocalPsf learnt(const SensorModel& sensor);
   // Of a body that may be a small disc: its light is wider by 10 % (1 sigma), a radius of 0.9 times the width.
   LocalPsf of_body() const;
+  // Of a disc whose form is foretold: wider or narrower by 2 %, for its law of light and colour.
+  LocalPsf of_disc() const;
+
+ private:
+  LocalPsf wider_by(double relative) const;
 };
 
 // What a disc of a radius adds to the error that repeats, when its saturated spot is fitted as a point's.

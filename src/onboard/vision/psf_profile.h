@@ -77,8 +77,9 @@ struct AxisProfile {
   alignas(64) std::array<double, kMaxFitWindow> by_center;
   alignas(64) std::array<double, kMaxFitWindow> by_sigma;
 
-  void compute(int first, int count, double center, double sigma) {
-    const double scale = 1.0 / sigma;
+  // `spread2`: by how much the light's own form widens the Gaussian, squared.
+  void compute(int first, int count, double center, double sigma, double spread2 = 0.0) {
+    const double wide = std::sqrt(sigma * sigma + spread2), scale = 1.0 / wide, slope = scale * sigma / wide;
     double edge = (first - 0.5 - center) * scale;
     NormalTable::Value left = kNormal(edge);
     int i = 0;
@@ -87,7 +88,7 @@ struct AxisProfile {
       const NormalTable::Value right = kNormal(next);
       share[static_cast<std::size_t>(i)] = right.cumulative - left.cumulative;
       by_center[static_cast<std::size_t>(i)] = (left.density - right.density) * scale;
-      by_sigma[static_cast<std::size_t>(i)] = (edge * left.density - next * right.density) * scale;
+      by_sigma[static_cast<std::size_t>(i)] = (edge * left.density - next * right.density) * slope;
       edge = next;
       left = right;
     }

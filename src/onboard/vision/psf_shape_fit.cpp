@@ -74,48 +74,42 @@ bool ShapeFit::inside(const Vector& p) const {
   return p(0) >= w.u0 && p(0) <= w.u1 && p(1) >= w.v0 && p(1) <= w.v1 && p(kFlux) < 40.0 && std::isfinite(p.sum());
 }
 
-void PointProfiles::compute(const Window& w, Pixel at, const LocalPsf::Vector& shape) {
-  const double width = shape(LocalPsf::halo_width);
-  const double halo_u = at.u + shape(LocalPsf::halo_u), halo_v = at.v + shape(LocalPsf::halo_v);
-  x.compute(w.u0, w.width(), at.u, shape(LocalPsf::width));
-  y.compute(w.v0, w.height(), at.v, shape(LocalPsf::width));
-  inner_x.compute(w.u0, w.width(), halo_u, width);
-  inner_y.compute(w.v0, w.height(), halo_v, width);
-  outer_x.compute(w.u0, w.width(), halo_u, LocalPsf::kOuterWidth * width);
-  outer_y.compute(w.v0, w.height(), halo_v, LocalPsf::kOuterWidth * width);
+void SpotProfiles::compute(const Window& w, Pixel at, const LocalPsf::Vector& shape, const Vec2& spread_px2) {
+  const auto along = [&](AxisProfile& u, AxisProfile& v, Pixel centre, double sigma) {
+    u.compute(w.u0, w.width(), centre.u, sigma, spread_px2.x());
+    v.compute(w.v0, w.height(), centre.v, sigma, spread_px2.y());
+  };
+  const Pixel halo{at.u + shape(LocalPsf::halo_u), at.v + shape(LocalPsf::halo_v)};
+  along(x, y, at, shape(LocalPsf::width));
+  along(inner_x, inner_y, halo, shape(LocalPsf::halo_width));
+  along(outer_x, outer_y, halo, LocalPsf::kOuterWidth * shape(LocalPsf::halo_width));
 }
 
 namespace {
 
-void add_point(Pixel at_px, double core_flux, const LocalPsf::Vector& shape, const Window& window, WindowLight& light) {
-  const double share = shape(LocalPsf::halo_share), outer = shape(LocalPsf::outer_share);
-  PointProfiles point;
-  point.compute(window, at_px, shape);
+void add_core(Vec2 at_px, const Vec2& spread, double flux, double sigma, const Window& window, WindowLight& light) {
+  AxisProfile x, y;
+  x.compute(window.u0, window.width(), at_px.x(), sigma, spread.x());
+  y.compute(window.v0, window.height(), at_px.y(), sigma, spread.y());
   for (int j = 0; j < window.height(); ++j) {
-    const double core_y = core_flux * at(point.y.share, j);
-    const double inner_y = core_flux * share * (1.0 - outer) * at(point.inner_y.share, j);
-    const double outer_y = core_flux * share * outer * at(point.outer_y.share, j);
-    double* const row = light.data() + j * kMaxFitWindow;
-    for (int i = 0; i < window.width(); ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      row[i] += core_y * point.x.share[k] + inner_y * point.inner_x.share[k] + outer_y * point.outer_x.share[k];
-    }
+    const double row = flux * at(y.share, j);
+    for (int i = 0; i < window.width(); ++i)
+      light[static_cast<std::size_t>(j * kMaxFitWindow + i)] += row * at(x.share, i);
   }
 }
 
 }  // namespace
 
-void add_light(const LitDisc& disc, Pixel at, double core_flux, const LocalPsf::Vector& shape, const Window& window,
-               WindowLight& light) {
-  if (!(disc.radius_px > 0.0)) return add_point(at, core_flux, shape, window, light);
-  for (const DiscPoint& part : points_of(disc)) {
-    const Pixel there{at.u + part.offset_px.x(), at.v + part.offset_px.y()};
-    add_point(there, core_flux * part.share, shape, window, light);
-  }
+WindowLight beyond_spot(const LitDisc& disc, Pixel at, double core_flux, double sigma_px, const Window& window) {
+  WindowLight light{};
+  for (const DiscPoint& part : points_of(disc))
+    add_core(at.vec() + part.offset_px, Vec2::Zero(), core_flux * part.share, sigma_px, window, light);
+  add_core(at.vec(), spread_px2(disc), -core_flux, sigma_px, window, light);
+  return light;
 }
 
 void ShapeFit::profiles(const Vector& p) {
-  point_.compute(patch_.window, {p(0), p(1)}, p.tail<LocalPsf::count>());
+  point_.compute(patch_.window, {p(0), p(1)}, p.tail<LocalPsf::count>(), spread_px2_);
 }
 
 // The median of the fluxes that the brightest unsaturated pixels ask for is the start. Around a very bright core they
@@ -291,7 +285,8 @@ PsfEvidence ShapeFit::evidence(const Vector& p) const {
   return found;
 }
 
-PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_out, const LitDisc* disc) {
+PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_out) {
+  solution_.setConstant(std::nan(""));
   PsfFit fit;
   fit.saturated = true;
   fit.sigma_px = prior.sigma_px();
@@ -365,24 +360,8 @@ PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_o
   fit.noise_px2 = (covariance * information_ * covariance).topLeftCorner<2, 2>();
   fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));
   if (evidence_out != nullptr) *evidence_out = evidence(p);
-  if (disc != nullptr) {
-    const Vector pulled = covariance * slope_of_disc(*disc, prior, p);
-    fit.pixel = {p(0) - pulled(0), p(1) - pulled(1)};
-  }
+  solution_ = p;
   return fit;
-}
-
-// Of the way from p to where this fit would end if the light were a disc's at p's place, seen as believed (eq. 8b).
-ShapeFit::Vector ShapeFit::slope_of_disc(const LitDisc& disc, const LocalPsf& prior, const Vector& p) const {
-  Patch ideal = patch_;
-  ideal.light.fill(0.0);
-  add_light(disc, {p(0), p(1)}, std::exp(p(kFlux)), prior.value, patch_.window, ideal.light);
-  ShapeFit again(ideal, sensor_);
-  again.look(p);
-  Vector slope = again.gradient();
-  const LocalPsf::Vector off = prior.value - p.tail<LocalPsf::count>();
-  slope.tail<LocalPsf::count>() += prior.covariance.llt().solve(off);
-  return slope;
 }
 
 }  // namespace astronav::vision

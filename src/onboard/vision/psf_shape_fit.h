@@ -28,16 +28,17 @@ struct Patch {
   bool saturated_ = false;
 };
 
-// One point of light on the axes of a window: its core, and the halo's two parts.
-struct PointProfiles {
+// One spot of light on the axes of a window: its core, and the halo's two parts. A disc's, as spread_px2() tells it, is
+// that of a point, wider.
+struct SpotProfiles {
   AxisProfile x, y, inner_x, inner_y, outer_x, outer_y;
-  void compute(const Window& w, Pixel at, const LocalPsf::Vector& shape);
+  void compute(const Window& w, Pixel at, const LocalPsf::Vector& shape, const Vec2& spread_px2);
 };
 
-// Light of a body whose core as a point would have `core_flux`, added to that of a window in rows of kMaxFitWindow.
+// What the core of a disc's light has beyond such a spot's, in each pixel of a window in rows of kMaxFitWindow. (A halo
+// is so much wider than the disc that its form is the spot's.)
 using WindowLight = std::array<double, kMaxFitWindow * kMaxFitWindow>;
-void add_light(const LitDisc& disc, Pixel at, double core_flux, const LocalPsf::Vector& shape, const Window& window,
-               WindowLight& light);
+WindowLight beyond_spot(const LitDisc& disc, Pixel at, double core_flux, double sigma_px, const Window& window);
 
 // Beyond this chi-square per degree of freedom something else is in the window, and the covariance grows with it.
 PsfFit inflated(PsfFit fit);
@@ -48,11 +49,13 @@ class ShapeFit {
   using Vector = Eigen::Matrix<double, kParameters, 1>;  // u, v, ln(flux of the core), shape
   using Matrix = Eigen::Matrix<double, kParameters, kParameters>;
 
-  ShapeFit(const Patch& patch, const SensorModel& sensor) : patch_(patch), sensor_(sensor) {}
+  ShapeFit(const Patch& patch, const SensorModel& sensor, const Vec2& spread_px2 = Vec2::Zero())
+      : patch_(patch), sensor_(sensor), spread_px2_(spread_px2) {}
 
-  // A saturated spot. `prior`: what is believed of the point-spread function here. `disc`: the place is corrected for
-  // what a fit as a point makes of it.
-  PsfFit run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence, const LitDisc* disc = nullptr);
+  // A saturated spot. `prior`: what is believed of the point-spread function here.
+  PsfFit run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence);
+  // Where the last run ended.
+  const Vector& solution() const { return solution_; }
 
   // Weights from the model at p, then information and gradient of the likelihood, and chi-square.
   void look(const Vector& p) {
@@ -68,7 +71,6 @@ class ShapeFit {
 
  private:
   bool inside(const Vector& p) const;
-  Vector slope_of_disc(const LitDisc& disc, const LocalPsf& prior, const Vector& p) const;
   bool start_flux(Vector& p);
   void profiles(const Vector& p);
   void weigh(const Vector& p);
@@ -77,8 +79,10 @@ class ShapeFit {
 
   const Patch& patch_;
   const SensorModel& sensor_;
-  PointProfiles point_;
+  Vec2 spread_px2_;
+  SpotProfiles point_;
   alignas(64) std::array<double, kMaxFitWindow * kMaxFitWindow> weight_;
+  Vector solution_ = Vector::Zero();
   Matrix information_;
   Vector gradient_;
   double cost_ = 0.0;
