@@ -53,10 +53,11 @@ class RenderedSky {
   void shoot(Epoch epoch, const State& observer_O, const Mat3& R_CN, double exposure_s, RandomStream& random) {
     sky::SkySettings settings;
     settings.max_v_mag = max_v_mag;
+    settings.companion_share = 0.2;
+    settings.companion_seed = random.next();
     std::vector<sky::SkySource> seen = sky.look(epoch, observer_O, R_CN.row(2).transpose(),
                                                 truth.intrinsics.half_diagonal_rad() + 0.5 * kDegree, band, settings)
                                            .value();
-    add_companions(seen, random);
     seen.insert(seen.end(), extra.begin(), extra.end());
     sources = render::place_sources(seen, truth, R_CN, exposure_s);
     renderer.frame(sources, {.duration_s = exposure_s}, {.image = ++images, .purpose = "frame"}, frame);
@@ -75,25 +76,6 @@ class RenderedSky {
   std::vector<sky::SkySource> extra;  // seen as well
   double max_v_mag = 10.0;
   std::uint64_t images = 0;
-
- private:
-  // A fifth of the stars: 0.1 to 10 arcsec, up to 4 mag fainter.
-  static void add_companions(std::vector<sky::SkySource>& seen, RandomStream& random) {
-    const std::size_t n = seen.size();
-    for (std::size_t i = 0; i < n; ++i) {
-      if (seen[i].kind != sky::SourceKind::star || random.uniform() > 0.2) continue;
-      sky::SkySource companion = seen[i];
-      const double fainter = random.uniform(0.0, 4.0), apart = 0.1 * kArcsecond * std::pow(100.0, random.uniform());
-      const double angle = random.uniform(0.0, 2.0 * kPi);
-      const EastNorth axes = east_north(companion.direction_N);
-      companion.direction_N += (std::cos(angle) * axes.east + std::sin(angle) * axes.north) * apart;
-      companion.direction_N.normalize();
-      companion.id = 0;
-      companion.v_mag += fainter;
-      companion.flux.electrons_per_s *= std::pow(10.0, -0.4 * fainter);
-      seen.push_back(companion);
-    }
-  }
 };
 
 inline Mat3 random_attitude(RandomStream& random) {

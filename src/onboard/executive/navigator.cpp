@@ -84,6 +84,8 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
   const auto from_center = ephemeris_->state(*known, body::solar_system_barycenter, emitted);
   if (!from_center) return forward(from_center);
   prediction.sunward_N = -from_sun->p_m.normalized();
+  for (const auto& errors : settings_.filter.beacon_errors)
+    if (errors.body == beacon) prediction.law_of_light = errors.photocentre_fraction;
   const auto v_mag = planet_v_magnitude(beacon, {.p_body_from_sun_N = from_sun->p_m,
                                                  .p_body_from_observer_N = from_center->p_m - filter_.state().p_m,
                                                  .epoch = emitted});
@@ -157,6 +159,7 @@ Result<Look> Navigator::watch(ImageView<const std::uint16_t> frame, Epoch mid_ex
   look.measurement.repeating_sigma_px = spot.repeating_sigma_px;
   look.measurement.R_CN = seen.attitude.R_CN;
   look.measurement.attitude_covariance_rad2 = seen.attitude.covariance_rad2;
+  look.measurement.attitude_repeating_rad2 = seen.attitude.repeating_rad2;
   return look;
 }
 

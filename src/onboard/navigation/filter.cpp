@@ -15,8 +15,8 @@ namespace {
 Mat2 noise_covariance(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
   const Mat23& h = prediction.by_attitude;
   const Mat2 cross = measurement.pixel_attitude_covariance * h.transpose();
-  return measurement.pixel_covariance_px2 + h * measurement.attitude_covariance_rad2 * h.transpose() + cross +
-         cross.transpose();
+  const Mat3 attitude = measurement.attitude_covariance_rad2 - measurement.attitude_repeating_rad2;
+  return measurement.pixel_covariance_px2 + h * attitude * h.transpose() + cross + cross.transpose();
 }
 
 AgeingLaws ageing_laws(const FilterSettings& settings) {
@@ -203,7 +203,9 @@ void Filter::start_window(const BeaconMeasurement& measurement, const PixelPredi
   const Mat23 by_body = errors_of(beacon_of(measurement.body)).ephemeris_m * prediction.by_position;
   const double repeating2 =
       settings_.bias.sigma * settings_.bias.sigma + measurement.repeating_sigma_px * measurement.repeating_sigma_px;
-  const Mat2 covariance = repeating2 * Mat2::Identity() + by_body * by_body.transpose();
+  const Mat2 covariance =
+      repeating2 * Mat2::Identity() + by_body * by_body.transpose() +
+      prediction.by_attitude * measurement.attitude_repeating_rad2 * prediction.by_attitude.transpose();
 
   forget(covariance_, index::bias);
   forget(covariance_, index::bias + 1);
@@ -306,8 +308,8 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
     return result;
   };
   if (!measurement.pixel.vec().allFinite() || !is_covariance(measurement.pixel_covariance_px2) ||
-      !measurement.attitude_covariance_rad2.allFinite() || !measurement.pixel_attitude_covariance.allFinite() ||
-      !measurement.R_CN.allFinite())
+      !measurement.attitude_covariance_rad2.allFinite() || !measurement.attitude_repeating_rad2.allFinite() ||
+      !measurement.pixel_attitude_covariance.allFinite() || !measurement.R_CN.allFinite())
     return rejected(UpdateReason::bad_measurement);
   if (measurement.mid_exposure < epoch_) return rejected(UpdateReason::before_filter);
   const Result<Beacon> beacon = find(measurement.body, measurement.mid_exposure);

@@ -20,6 +20,8 @@ struct BeaconMeasurement {
   Mat3 R_CN = Mat3::Identity();  // attitude from the stars of the same frame
   // Of the attitude error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
   Mat3 attitude_covariance_rad2 = Mat3::Zero();
+  // Its share that repeats from image to image of a window, as the stars do; carried as above.
+  Mat3 attitude_repeating_rad2 = Mat3::Zero();
   // Correlation of centroid and attitude error, E[e_pixel theta'] (px rad); zero where the planet's pixel took no part
   // in the attitude.
   Eigen::Matrix<double, 2, 3> pixel_attitude_covariance = Eigen::Matrix<double, 2, 3>::Zero();

@@ -62,11 +62,12 @@ Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN
   AttitudeFit fit;
   fit.R_CN = first_R_CN;
   fit.camera = camera;
-  Normal information(n, n);
+  Normal information(n, n), shared(n, n);
   typename Sizes<N>::Parameters gradient(n);
   bool settled = false;
   for (int iteration = 0; iteration <= options.max_iterations; ++iteration) {
     information.setZero();
+    shared.setZero();
     gradient.setZero();
     int used = 0;
     double chi2 = 0.0, sum2 = 0.0, pulls = 0.0, pulled2 = 0.0;
@@ -100,6 +101,7 @@ Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN
       const double pull = star_pull(std::sqrt(d2), options.gate_sigma, iteration < 2);
       const Eigen::Matrix<double, N, 2, 0, Sizes<N>::kMax, 2> weighted = pull * jacobian.transpose() * weight;
       information.noalias() += weighted * jacobian;
+      shared.noalias() += weighted * weighted.transpose();
       gradient.noalias() += weighted * sight.residual_px;
       chi2 += d2;
       pulls += pull;
@@ -117,8 +119,10 @@ Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN
       return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
     if (settled || iteration == options.max_iterations) {
       const Normal covariance = ldlt.solve(Normal::Identity(n, n));
-      fit.covariance_rad2 = covariance.template topLeftCorner<3, 3>();
-      if (used >= kStarsThatTell) fit.covariance_rad2 *= std::max(1.0, pulled2 / (2.0 * pulls));
+      const double larger = used >= kStarsThatTell ? std::max(1.0, pulled2 / (2.0 * pulls)) : 1.0;
+      fit.covariance_rad2 = larger * covariance.template topLeftCorner<3, 3>();
+      fit.repeating_rad2 = larger * options.extra_sigma_px * options.extra_sigma_px *
+                           Normal(covariance * shared * covariance).template topLeftCorner<3, 3>();
       if (!fit.covariance_rad2.allFinite()) return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
       return fit;
     }

@@ -38,7 +38,7 @@ struct AttitudeOptions {
   CameraFreedom freedom;
   // Added in quadrature to every centroid: what is wrong with camera and catalogue. The brightest stars are measured to
   // 0.002 px, but a fifth have companions that nobody listed, and a calibrated lens bends lines by some thousandths.
-  double extra_sigma_px = 0.004;
+  double extra_sigma_px = 0.0035;
   double gate_sigma = 5.0;  // a star farther off than this (Mahalanobis) is left out, and tried again next time
   int max_iterations = 12;
 };
@@ -59,6 +59,7 @@ inline double star_pull(double sigmas, double gate_sigma, bool rough) {
 struct AttitudeFit {
   Mat3 R_CN = Mat3::Identity();
   Mat3 covariance_rad2 = Mat3::Zero();  // the solved-for camera parameters are accounted for
+  Mat3 repeating_rad2 = Mat3::Zero();   // its share that comes from `extra_sigma_px`: the same stars bring it again
   Intrinsics camera;
   int used = 0;
   double residual_rms_px = 0.0;  // per axis, over the stars used

@@ -84,10 +84,10 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
   Vec2 shift(camera_.cx_px - attitude.intrinsics.cx_px, camera_.cy_px - attitude.intrinsics.cy_px);
   Mat3 R_CN = rotation_exp(-(turn * shift)) * attitude.R_CN;
   Vector errors = errors_;
-  All covariance;
+  All covariance, repeating;
   for (int iteration = 0;; ++iteration) {
     const Intrinsics camera = with(errors);
-    All information = All::Zero();
+    All information = All::Zero(), shared = All::Zero();
     Eigen::Matrix<double, kAll, 1> gradient = Eigen::Matrix<double, kAll, 1>::Zero();
     information.bottomRightCorner<kParameters, kParameters>() = prior;
     gradient.tail<kParameters>() = prior * (errors_ - errors);
@@ -112,6 +112,7 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
       jacobian << by_theta, by_errors(camera, by_camera, by_theta, turn);
       const Eigen::Matrix<double, kAll, 2> weighted = pull * jacobian.transpose() * weight;
       information.noalias() += weighted * jacobian;
+      shared.noalias() += weighted * weighted.transpose();
       gradient.noalias() += weighted * sight.residual_px;
       sight.used = true;
       ++used;
@@ -122,7 +123,10 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
     const Eigen::LDLT<All> ldlt(information);
     if (ldlt.info() != Eigen::Success || !ldlt.isPositive()) return false;
     if (iteration == kIterations) {
-      covariance = ldlt.solve(All::Identity()) * std::max(1.0, pulled2 / (2.0 * pulls));
+      const double larger = std::max(1.0, pulled2 / (2.0 * pulls));
+      const All inverse = ldlt.solve(All::Identity());
+      covariance = larger * inverse;
+      repeating = larger * kExtra2 * inverse * shared * inverse;
       break;
     }
     const Eigen::Matrix<double, kAll, 1> step = ldlt.solve(gradient);
@@ -142,6 +146,7 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
   attitude.R_CN = R_CN;
   attitude.intrinsics = camera_;
   attitude.covariance_rad2 = covariance.topLeftCorner<3, 3>();
+  attitude.repeating_rad2 = repeating.topLeftCorner<3, 3>();
   attitude.camera.covariance = covariance_;
   attitude.camera.with_attitude = covariance.topRightCorner<3, kParameters>();
   return true;

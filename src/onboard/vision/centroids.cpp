@@ -42,7 +42,7 @@ double s_curve_rms(double sigma) {
 // Beside what the belief allows for: wings of no model's form. Means over windows of 36 images of saturated planets
 // scatter by 0.0002 to 0.0005 px, the noise of an image over six included (benchmarks/accuracy/centroids.cpp).
 double repeating_sigma(const PsfFit& fit) {
-  constexpr double kLeast = 0.0002;
+  constexpr double kLeast = 0.0001;
   return std::hypot(fit.repeating_sigma_px, kLeast);
 }
 

@@ -118,7 +118,7 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
   out.planet = forecast_spot(sensor_, psf.of_body(), planet_dn_s * exposure_s, noise_dn);
 
   const double lens2 = std::pow(AttitudeOptions{}.extra_sigma_px, 2);  // catalogue and lens
-  double information = 0.0;
+  double information = 0.0, shared = 0.0;
   for (std::size_t k = 0; k < count.size(); ++k) {
     if (count[k] == 0) continue;
     const double v_mag = kBrightestClass + (static_cast<double>(k) + 0.5) * kMagStep;
@@ -127,11 +127,15 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
     if (star.peak_dn < settings_.threshold_sigma * noise_dn) break;
     if (!star.measured) continue;
     out.stars += count[k];
-    information += count[k] / (star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px + lens2);
+    const double weight = 1.0 / (star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px + lens2);
+    information += count[k] * weight;
+    shared += count[k] * weight * weight * lens2;
   }
   out.attitude_px = information > 0.0 ? 1.0 / std::sqrt(information) : 1e3;
-  const double once = out.planet.sigma_px * out.planet.sigma_px + out.attitude_px * out.attitude_px;
-  out.window_px = std::hypot(out.planet.repeating_px, std::sqrt(once / settings_.images));
+  out.attitude_repeating_px = information > 0.0 ? std::sqrt(shared) / information : 0.0;
+  const double repeating2 = out.attitude_repeating_px * out.attitude_repeating_px;
+  const double once = out.planet.sigma_px * out.planet.sigma_px + out.attitude_px * out.attitude_px - repeating2;
+  out.window_px = std::sqrt(out.planet.repeating_px * out.planet.repeating_px + repeating2 + once / settings_.images);
   return out;
 }
 

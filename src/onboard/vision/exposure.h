@@ -42,7 +42,8 @@ SpotForecast forecast_spot(const SensorModel& sensor, const LocalPsf& psf, doubl
 struct ExposureForecast {
   double exposure_s = 0.0;
   SpotForecast planet;
-  double attitude_px = 0.0;  // across the boresight, 1 sigma an axis, one image
+  double attitude_px = 0.0;            // across the boresight, 1 sigma an axis, one image
+  double attitude_repeating_px = 0.0;  // its share that the next image of the same stars has again
   int stars = 0;
   double window_px = 0.0;  // of the planet among the stars, the mean of all images
 };

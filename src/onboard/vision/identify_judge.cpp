@@ -341,6 +341,7 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   AttitudeSolution& attitude = out.attitude;
   attitude.R_CN = fitted.R_CN;
   attitude.covariance_rad2 = fitted.covariance_rad2;
+  attitude.repeating_rad2 = fitted.repeating_rad2;
   attitude.intrinsics = fitted.camera;
   attitude.residual_rms_px = fitted.residual_rms_px;
   attitude.chance_probability = by_chance;

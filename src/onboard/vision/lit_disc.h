@@ -22,7 +22,7 @@ inline constexpr int kDiscRows = 6, kDiscColumns = 6;
 using DiscPoints = std::array<DiscPoint, kDiscRows * kDiscColumns>;
 
 // Lambert's law: Gauss-Legendre across the disc, and in each row from the terminator to the limb (docs/theory/vision.md
-// eq. 8b).
+// eq. 8c).
 DiscPoints points_of(const LitDisc& disc);
 
 // How far they lie from its centre of light along u and v, mean squares; zero for a point.

@@ -76,6 +76,11 @@ double skew_of_disc_px(double radius_px, double psf_sigma_px) {
   return kShift * radius_px * radius_px * radius_px / (psf_sigma_px * psf_sigma_px);
 }
 
+double skew_of_known_disc_px(double radius_px, double psf_sigma_px, double law_of_light) {
+  constexpr double kLeast = 0.02;
+  return std::max(kLeast, law_of_light) * skew_of_disc_px(radius_px, psf_sigma_px);
+}
+
 PsfBelief::PsfBelief(const SensorModel& sensor, int width_px, int height_px)
     : sensor_(sensor),
       middle_px_(0.5 * (width_px - 1), 0.5 * (height_px - 1)),

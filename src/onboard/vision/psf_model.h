@@ -26,7 +26,7 @@ struct SensorModel {
   double halo_sigma_px = 3.0;
   double psf_sigma_relative = 0.08;    // of the core's width, at the middle and at the corners
   double psf_shape_relative = 0.003;   // of the light in a pixel: no core is a Gaussian
-  double halo_shape_relative = 0.012;  // of the halo's light in a pixel, nor is a halo
+  double halo_shape_relative = 0.009;  // of the halo's light in a pixel, nor is a halo
   double halo_offset_px = 0.2;         // of the halo's centre from the core's, each axis
 
   // Saturation: 95 % of the lower of full well and converter range, where clipping does not bite yet.
@@ -65,8 +65,10 @@ struct LocalPsf {
   LocalPsf wider_by(double relative) const;
 };
 
-// What a disc of a radius adds to the error that repeats, when its saturated spot is fitted as a point's.
+// What a disc of a radius adds to the error that repeats, when its saturated spot is fitted as a point's; and as a disc
+// whose law of scattering is wrong by so much, relative.
 double skew_of_disc_px(double radius_px, double psf_sigma_px);
+double skew_of_known_disc_px(double radius_px, double psf_sigma_px, double law_of_light);
 
 // What the light of one star says of the point-spread function there, its place and flux taken out: the likelihood is
 // exp(-x' information x / 2 + vector' x).

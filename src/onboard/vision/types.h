@@ -59,6 +59,8 @@ struct AttitudeSolution {
   Mat3 R_CN = Mat3::Identity();
   // Of the error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
   Mat3 covariance_rad2 = Mat3::Zero();
+  // Its share that comes from the catalogue and the lens: the next image of the same stars has it again (eq. 11b).
+  Mat3 repeating_rad2 = Mat3::Zero();
   Intrinsics intrinsics;  // as used, or as solved for
   CameraErrors camera;    // of `intrinsics`; zero where the camera is taken as told
   bool mirrored = false;
@@ -79,6 +81,7 @@ struct PlanetPrediction {
   double companion_flux_dn = 0.0;
   double angular_radius_rad = 0.0;  // of the body; 0: a point
   Vec3 sunward_N = Vec3::Zero();    // unit vector from the body to the Sun; zero: not known
+  double law_of_light = 0.0;        // what its law of scattering may be wrong by, relative
 };
 
 struct PlanetMatch {

@@ -135,10 +135,9 @@ void Vision::see_discs(ImageView<const std::uint16_t> frame, std::size_t asked) 
 
 // Where it is known from where the Sun shines, what is left is what no law of scattering gets right.
 double Vision::repeating_of_disc(const PlanetPrediction& prediction, const Body& body) const {
-  constexpr double kLawOfLight = 0.1;
   const double radius_px = prediction.angular_radius_rad * result_.attitude.intrinsics.fx_px;
-  const double skew_px = skew_of_disc_px(radius_px, psf_sigma_px_);
-  return body.disc.radius_px > 0.0 ? kLawOfLight * skew_px : skew_px;
+  return body.disc.radius_px > 0.0 ? skew_of_known_disc_px(radius_px, psf_sigma_px_, prediction.law_of_light)
+                                   : skew_of_disc_px(radius_px, psf_sigma_px_);
 }
 
 LitDisc Vision::disc_of(const PlanetPrediction& prediction) const {

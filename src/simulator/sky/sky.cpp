@@ -9,6 +9,7 @@
 #include <span>
 #include <utility>
 
+#include "foundation/math/random.h"
 #include "foundation/math/rotation.h"
 #include "models/aberration/aberration.h"
 
@@ -242,6 +243,23 @@ std::optional<Seen> see_sun(const Look& look, std::vector<Globe>& globes) {
   return Seen{source, direction, distance};
 }
 
+std::optional<SkySource> unknown_companion(const SkySource& star, const SkySettings& settings) {
+  RandomStream random(
+      {.seed = settings.companion_seed, .image = static_cast<std::uint64_t>(star.id), .purpose = "companion"});
+  if (!(random.uniform() < settings.companion_share)) return {};
+  constexpr double kNearest = 0.1 * kArcsecond, kFarthestOverNearest = 100.0, kMostFainter = 4.0;
+  const double apart = kNearest * std::pow(kFarthestOverNearest, random.uniform());
+  const double angle = random.uniform(0.0, 2.0 * kPi), fainter = random.uniform(0.0, kMostFainter);
+  const EastNorth axes = east_north(star.direction_N);
+  SkySource out = star;
+  out.id = 0;
+  out.direction_N =
+      (star.direction_N + apart * (std::cos(angle) * axes.east + std::sin(angle) * axes.north)).normalized();
+  out.v_mag += fainter;
+  out.flux.electrons_per_s *= std::pow(10.0, -0.4 * fainter);
+  return out;
+}
+
 }  // namespace
 
 double lambert_photocentre_shift(double radius_m, double phase_angle_rad) {
@@ -355,6 +373,16 @@ Result<std::vector<SkySource>> Sky::look(Epoch epoch, const State& observer_O, c
     }
   }
   sources.insert(sources.end(), next_body, bodies.end());
+  if (settings.companion_share > 0.0) {
+    const std::size_t known = sources.size();
+    for (std::size_t i = 0; i < known; ++i) {
+      if (sources[i].kind != SourceKind::star) continue;
+      if (const auto companion = unknown_companion(sources[i], settings)) sources.push_back(*companion);
+    }
+    const auto middle = sources.begin() + static_cast<std::ptrdiff_t>(known);
+    std::sort(middle, sources.end(), brighter);
+    std::inplace_merge(sources.begin(), middle, sources.end(), brighter);
+  }
   return sources;
 }
 

@@ -42,6 +42,10 @@ struct SkySettings {
   // Bodies at their centre of light, with their discs; false: points at the centre of figure (the paper's way).
   bool centre_of_light = true;
   double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
+  // Share of the stars that have a companion which no catalogue knows: 0.1 to 10 arcsec away, up to 4 mag fainter, the
+  // same ones at each look with the same seed (docs/theory/rendering.md section Companions).
+  double companion_share = 0.0;
+  std::uint64_t companion_seed = 1;
   // Of an observer on the ground, whose zenith it knows.
   std::optional<Refraction> refraction{};
   // Small bodies beside the known ones (known_small_bodies()) or, with the number of one, in its place. Those that no

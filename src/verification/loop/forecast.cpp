@@ -35,6 +35,7 @@ Result<std::unique_ptr<Forecast>> Forecast::create(const scenario::Scenario& s, 
   out->control_.emplace(*exposure, sensor, believed.intrinsics, out->field_);
   out->choose_exposure_ = s.onboard.vision.exposure == "chosen";
   out->optics_ = vision::LocalPsf::learnt(sensor);
+  out->law_of_light_ = s.onboard.filter.photocentre_sigma;
   return out;
 }
 
@@ -46,8 +47,8 @@ Result<void> Forecast::prepare_window(BodyId beacon, Epoch epoch, const State& t
                              : control_->forecast(planet->direction_N, dn_s, optics_, believed_.exposure_s);
   if (window_.planet.saturated) {
     const double radius_px = planet->angular_radius_rad * believed_.intrinsics.fx_px;
-    window_.planet.repeating_px =
-        std::hypot(window_.planet.repeating_px, vision::skew_of_disc_px(radius_px, believed_.psf.sigma_px));
+    window_.planet.repeating_px = std::hypot(
+        window_.planet.repeating_px, vision::skew_of_known_disc_px(radius_px, believed_.psf.sigma_px, law_of_light_));
   }
   return {};
 }
@@ -67,7 +68,9 @@ Result<navigation::BeaconMeasurement> Forecast::measure(BodyId beacon, Epoch epo
   m.R_CN = R_CN;
   // The planet stands in the middle of the picture, where the roll does not move it.
   const double across_rad = window_.attitude_px / believed_.intrinsics.fx_px;
+  const double repeating_rad = window_.attitude_repeating_px / believed_.intrinsics.fx_px;
   m.attitude_covariance_rad2.diagonal() << across_rad * across_rad, across_rad * across_rad, 0.0;
+  m.attitude_repeating_rad2.diagonal() << repeating_rad * repeating_rad, repeating_rad * repeating_rad, 0.0;
   return m;
 }
 

@@ -45,6 +45,7 @@ class Forecast {
   std::optional<vision::ExposureControl> control_;
   bool choose_exposure_ = false;
   vision::LocalPsf optics_;
+  double law_of_light_ = 0.0;
   vision::ExposureForecast window_;
 };
 

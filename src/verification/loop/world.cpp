@@ -157,6 +157,8 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
   world->band_ = std::make_unique<BandPhotometry>(world->camera_);
   world->sky_ = std::make_unique<sky::Sky>(world->ephemeris_, world->catalogue_);
   world->sky_settings_.max_v_mag = s.sky.max_v_mag;
+  world->sky_settings_.companion_share = s.sky.companion_share;
+  world->sky_settings_.companion_seed = RandomStream({.seed = seed, .sample = sample, .purpose = "companions"}).next();
   world->sky_settings_.centre_of_light = s.truth.photocentre.on;
   world->sky_settings_.centre_of_light_scale = s.truth.photocentre.scale;
   return world;

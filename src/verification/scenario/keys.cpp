@@ -157,6 +157,7 @@ const std::array kKeys{
     NUMBER(mil.outlier_scale, "", 1.0, 1e4, "how much larger"),
 
     NUMBER(sky.max_v_mag, "mag", 0.0, 15.0, "faintest star (V) that is drawn"),
+    NUMBER(sky.companion_share, "", 0.0, 1.0, "share of the stars that have a companion which no catalogue knows, 0.1 to 10 arcsec away and up to 4 mag fainter"),
 };
 // clang-format on
 

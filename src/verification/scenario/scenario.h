@@ -116,6 +116,7 @@ struct TruthPhotocentre {
 
 struct Sky {
   double max_v_mag = 8.0;
+  double companion_share = 0.2;
 };
 
 struct OnboardStart {
@@ -145,7 +146,7 @@ struct OnboardFilter {
   double camera_focal_relative_sigma = 1e-5;
   double camera_k1_sigma = 1e-4;
   double camera_tau_days = 30.0;
-  double window_bias_sigma_px = 0.0002;
+  double window_bias_sigma_px = 0.00015;
   double window_bias_tau_hours = 12.0;
   double ephemeris_sigma_km = 1.0;
   double gate_probability = 0.9999;
