@@ -126,10 +126,11 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
     const SpotForecast star = forecast_spot(sensor_, psf, flux_dn, noise_dn);
     if (star.peak_dn < settings_.threshold_sigma * noise_dn) break;
     if (!star.measured) continue;
-    out.stars += count[k];
+    const int measured = std::min(count[k], settings_.most_stars - out.stars);
+    out.stars += measured;
     const double weight = 1.0 / (star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px + lens2);
-    information += count[k] * weight;
-    shared += count[k] * weight * weight * lens2;
+    information += measured * weight;
+    shared += measured * weight * weight * lens2;
   }
   out.attitude_px = information > 0.0 ? 1.0 / std::sqrt(information) : 1e3;
   out.attitude_repeating_px = information > 0.0 ? std::sqrt(shared) / information : 0.0;

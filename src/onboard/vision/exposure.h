@@ -21,9 +21,10 @@ struct ExposureSettings {
   static ExposureSettings of(const Camera& camera, double v0_e_s);
 
   double shortest_s = 0.0125;
-  double longest_s = 0.4;      // what drift and jitter of the platform allow
-  int images = 36;             // of a window: what does not repeat averages over them
-  int least_stars = 6;         // fewer may not be recognised
+  double longest_s = 0.4;  // what drift and jitter of the platform allow
+  int images = 36;         // of a window: what does not repeat averages over them
+  int least_stars = 6;     // fewer may not be recognised
+  int most_stars = 1000;  // of the brightest: no more are measured (with a prior attitude, VisionSettings::guide_stars)
   double threshold_sigma = 5;  // a star counts whose brightest pixel is so far above the noise
   double star_dn_s = 0.0;      // flux of V = 0, DN/s
   double sky_dn_s = 0.0;       // background of a pixel, DN/s

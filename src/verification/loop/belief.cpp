@@ -85,8 +85,8 @@ vision::VisionSettings vision_settings(const scenario::Scenario& s) {
   settings.camera = {.focal_relative = belief.camera_focal_sigma,
                      .centre_px = belief.camera_center_sigma_px,
                      .k1 = belief.camera_k1_sigma};
-  // The first frames are to be recognised with the camera as told: four of its sigmas.
-  settings.identify.scale_tolerance = std::max(settings.identify.scale_tolerance, 4.0 * belief.camera_focal_sigma);
+  // The first frames are to be recognised with the camera as told: focal lengths up to four of its sigmas off.
+  settings.identify.focal_uncertainty = 4.0 * belief.camera_focal_sigma;
   settings.planets.gate_d2 = chi_square_quantile(belief.planet_gate_probability, 2.0);
   return settings;
 }
@@ -98,6 +98,7 @@ Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& s, 
       camera, BandPhotometry(camera).flux(0.0, vision::ExposureSettings::kStarColour).electrons_per_s);
   settings.images = cycle->images_per_window();
   settings.threshold_sigma = s.onboard.vision.threshold_sigma;
+  if (s.onboard.vision.prior_attitude) settings.most_stars = static_cast<int>(vision::VisionSettings{}.guide_stars);
   return settings;
 }
 
