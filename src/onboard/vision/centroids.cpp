@@ -264,8 +264,9 @@ Window CentroidFinder::core_about(ImageView<const std::uint16_t> image, Pixel pl
         grew = true;
       }
     }
-    grew = grew && std::max(core.width(), core.height()) <= most_px;
+    grew = grew && core.width() <= most_px && (sensor_.blooming || core.height() <= most_px);
   }
+  if (sensor_.blooming && core.height() > core.width() + 2) return core_of_bloomed(image, core, sensor_.saturation_dn);
   return core;
 }
 
