@@ -247,8 +247,7 @@ void measure_planets(const TestCamera& camera, int windows) {
           image2 += error.squaredNorm() / 2.0;
           formal2 += spot.covariance_px2.trace() / 2.0;
           repeating2 += spot.repeating_sigma_px * spot.repeating_sigma_px;
-          const Mat2 told = spot.covariance_px2 + Mat2::Identity() * std::pow(spot.repeating_sigma_px, 2);
-          chi2 += error.dot(told.inverse() * error) / 2.0;
+          chi2 += error.dot(spot.whole_covariance_px2().inverse() * error) / 2.0;
         }
         seen += found;
         const Vec2 mean_error = sum / std::max(1, found);

@@ -39,6 +39,7 @@ TEST(Exposure, BrightPlanetsAreExposedLessThanFaintOnes) {
                                  uranus = ladder().choose(1, 5.7);
   EXPECT_LT(mars_nearby.exposure_s, uranus.exposure_s);
   EXPECT_LE(mars_nearby.exposure_s, saturn.exposure_s);
+  EXPECT_GT(saturn.exposure_s, 0.1);
   EXPECT_EQ(uranus.exposure_s, 0.4);
   EXPECT_GT(mars_nearby.stars, 40);
 }

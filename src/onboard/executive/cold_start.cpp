@@ -172,18 +172,16 @@ Result<navigation::InitialState> ColdStart::locate() {
 
 // What the law of the centre of light is wrong by, the same in all images of a window.
 double ColdStart::photocentre_sigma_rad(BodyId body, Epoch epoch, double* ephemeris_sigma_m) const {
-  const auto& errors = settings_.filter.beacon_errors;
-  const auto known = std::find_if(errors.begin(), errors.end(), [&](const auto& e) { return e.body == body; });
-  if (known == errors.end()) return 0.0;
-  *ephemeris_sigma_m = std::hypot(known->ephemeris_m, known->lasting_ephemeris_m);
+  const navigation::BeaconErrors errors = settings_.filter.errors_of(body);
+  *ephemeris_sigma_m = std::hypot(errors.ephemeris_m, errors.lasting_ephemeris_m);
   const auto constants = body_constants(body);
   const auto id = ephemeris_->resolve(body);
-  if (!(known->photocentre_fraction > 0.0) || !constants || !id) return 0.0;
+  if (!(errors.photocentre_fraction > 0.0) || !constants || !id) return 0.0;
   const auto planet = ephemeris_->state(*id, body::solar_system_barycenter, epoch);
   const auto sun = ephemeris_->state(body::sun, body::solar_system_barycenter, epoch);
   if (!planet || !sun) return 0.0;
   const auto sight = navigation::apparent_sight(start_.state, *planet, sun->p_m, constants->mean_radius_m, {});
-  return known->photocentre_fraction * sight.shift_N.norm();
+  return errors.photocentre_fraction * sight.shift_N.norm();
 }
 
 void ColdStart::add(const navigation::BeaconMeasurement& m, const Vec3& v_stars_m_s) {

@@ -84,8 +84,7 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
   const auto from_center = ephemeris_->state(*known, body::solar_system_barycenter, emitted);
   if (!from_center) return forward(from_center);
   prediction.sunward_N = -from_sun->p_m.normalized();
-  for (const auto& errors : settings_.filter.beacon_errors)
-    if (errors.body == beacon) prediction.law_of_light = errors.photocentre_fraction;
+  prediction.law_of_light = settings_.filter.errors_of(beacon).photocentre_fraction;
   const auto v_mag = planet_v_magnitude(beacon, {.p_body_from_sun_N = from_sun->p_m,
                                                  .p_body_from_observer_N = from_center->p_m - filter_.state().p_m,
                                                  .epoch = emitted});

@@ -170,6 +170,12 @@ void Filter::age(Duration span) {
       add_outer_product(covariance_, StateVector::Unit(kDynamicStates + i), ageing.variance[i]);
 }
 
+BeaconErrors FilterSettings::errors_of(BodyId body) const {
+  const auto known = std::find_if(beacon_errors.begin(), beacon_errors.end(),
+                                  [&](const BeaconErrors& errors) { return errors.body == body; });
+  return known == beacon_errors.end() ? BeaconErrors{} : *known;
+}
+
 BeaconErrors Filter::errors_of(int beacon) const {
   return beacon < 0 ? BeaconErrors{} : settings_.beacon_errors[static_cast<std::size_t>(beacon)];
 }

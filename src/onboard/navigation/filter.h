@@ -64,6 +64,7 @@ struct FilterSettings {
   double adaptive_memory_count = 300.0;
 
   std::array<BeaconErrors, kBeaconBodies> beacon_errors{};  // unused entries have body 0
+  BeaconErrors errors_of(BodyId body) const;                // none where the body is not among them
 };
 
 // The process that such a filter runs on.

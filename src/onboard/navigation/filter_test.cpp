@@ -338,6 +338,36 @@ TEST_F(FilterUpdate, StartsTheBiasAnewForAnotherBeaconAndAfterAGap) {
               std::sqrt(0.05 * 0.05 + 0.1 * 0.1 + by_ephemeris * by_ephemeris), 1e-3);
 }
 
+// The attitude's share that the same stars bring again is not averaged away: 36 images leave it in the bias.
+TEST_F(FilterUpdate, WhatTheStarsBringAgainIsCarriedInTheBias) {
+  settings.bias = {.sigma = 0.0, .tau_s = 12.0 * 3600.0};
+  const double across_rad = 1e-5, repeating_px = 0.5 * across_rad * settings.camera.fx_px;
+  for (const bool repeats : {false, true}) {
+    Filter filter = started(truth, 1e4, 0.01);
+    UpdateResult first, last;
+    for (int i = 0; i < 36; ++i) {
+      const Duration later = Duration::seconds(100.0 * i);
+      BeaconMeasurement m =
+          photograph(fly(truth, epoch, later), body::mars, epoch + later, settings.camera, {}, nullptr);
+      m.attitude_covariance_rad2 = Vec3(across_rad * across_rad, across_rad * across_rad, 0.0).asDiagonal();
+      if (repeats) m.attitude_repeating_rad2 = 0.25 * m.attitude_covariance_rad2;
+      last = filter.update(m);
+      if (i == 0) first = last;
+    }
+    const double before = first.innovation_covariance_px2(0, 0), after = last.innovation_covariance_px2(0, 0);
+    const double bias_px = std::sqrt(filter.covariance()(index::bias, index::bias));
+    // One image is as uncertain either way.
+    EXPECT_NEAR(std::sqrt(before), std::hypot(0.05, across_rad * settings.camera.fx_px), 3e-3) << repeats;
+    EXPECT_GT(after, 0.5 * before);
+    if (repeats) {
+      EXPECT_GT(bias_px, 0.1 * repeating_px);
+      EXPECT_LT(bias_px, repeating_px);
+    } else {
+      EXPECT_EQ(bias_px, 0.0);
+    }
+  }
+}
+
 // A scattering law that is wrong by 5 % where 7 % are allowed for: learnt in one window, known in the next, of no
 // concern to another planet.
 TEST_F(FilterUpdate, LearnsHowFarTheLightStandsFromTheCentre) {

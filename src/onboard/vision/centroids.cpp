@@ -65,8 +65,8 @@ bool on_border(const Window& box, int width, int height) {
 }
 
 // What overflowed along columns makes a saturated spot higher than wide.
-bool bloomed(const Region& region) {
-  return region.saturated_box.height() > region.saturated_box.width() + 2;
+bool bloomed(const Window& saturated) {
+  return saturated.height() > saturated.width() + 2;
 }
 
 // Of the centre of light of a region's box and a margin.
@@ -266,8 +266,15 @@ Window CentroidFinder::core_about(ImageView<const std::uint16_t> image, Pixel pl
     }
     grew = grew && core.width() <= most_px && (sensor_.blooming || core.height() <= most_px);
   }
-  if (sensor_.blooming && core.height() > core.width() + 2) return core_of_bloomed(image, core, sensor_.saturation_dn);
-  return core;
+  return sensor_.blooming && bloomed(core) ? core_of_bloomed(image, core, sensor_.saturation_dn) : core;
+}
+
+std::optional<Window> CentroidFinder::window_about(ImageView<const std::uint16_t> image, Pixel place,
+                                                   int reach_px) const {
+  const Window core = core_about(image, place, kMaxFitWindow - 2 * (reach_px + 1));
+  const Window window = grown(core, reach_px + 1, image.width(), image.height());
+  if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return std::nullopt;
+  return window;
 }
 
 bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level,
@@ -281,11 +288,10 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
     const int reach = psf.reach_px();
     if (!(guess.u >= reach && guess.v >= reach && guess.u < image.width() - reach && guess.v < image.height() - reach))
       continue;
-    const Window core = core_about(image, guess, kMaxFitWindow - 2 * (reach + 1));
-    const Window window = grown(core, reach + 1, image.width(), image.height());
-    if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) continue;
+    const auto window = window_about(image, guess, reach);
+    if (!window) continue;
     const PsfFit fit =
-        fit_psf_beside(image, window, guess, level_under(guess, level), sensor_, psf, flux_dn, disc, beside);
+        fit_psf_beside(image, *window, guess, level_under(guess, level), sensor_, psf, flux_dn, disc, beside);
     if (!usable(fit) || (best.converged && fit.chi2_per_dof >= best.chi2_per_dof)) continue;
     best = fit;
     if (best.chi2_per_dof < kGoodChi2) break;
@@ -303,13 +309,11 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
 bool CentroidFinder::measure_disc(ImageView<const std::uint16_t> image, const FrameLevel& level, const LitDisc& disc,
                                   Centroid& spot) {
   const LocalPsf psf = (lesson_count_ > 0 ? before_lessons_ : psf_).at(spot.pixel);
-  const int reach = psf.reach_px();
-  const Window core = core_about(image, spot.pixel, kMaxFitWindow - 2 * (reach + 1));
-  const Window window = grown(core, reach + 1, image.width(), image.height());
-  if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return false;
+  const auto window = window_about(image, spot.pixel, psf.reach_px());
+  if (!window) return false;
   PsfEvidence evidence;
   const PsfFit fit =
-      fit_psf_of_disc(image, window, spot.pixel, level_under(spot.pixel, level), sensor_, psf, disc, &evidence);
+      fit_psf_of_disc(image, *window, spot.pixel, level_under(spot.pixel, level), sensor_, psf, disc, &evidence);
   if (!usable(fit)) return false;
   evidence.weaken(fit.chi2_per_dof);
   learn_anew(spot.pixel, evidence);
@@ -339,7 +343,8 @@ SpotKind CentroidFinder::kind_of_sharp(Pixel peak) {
 // Light that reaches all along a column: more than half of the image's height, and narrow.
 bool CentroidFinder::smeared(int height) const {
   for (const Region& region : regions_.all()) {
-    if (2 * region.box.height() > height && 8 * region.pixels < height * region.box.height() && !bloomed(region))
+    if (2 * region.box.height() > height && 8 * region.pixels < height * region.box.height() &&
+        !bloomed(region.saturated_box))
       return true;
     if (region.saturated && 2 * region.box.height() > height && 2 * region.saturated_box.height() < region.box.height())
       return true;
@@ -411,7 +416,7 @@ void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
     Candidate candidate;
     candidate.region = order_[k].region;
     candidate.core = region.saturated_box;
-    const bool blooming = region.saturated && bloomed(region);
+    const bool blooming = region.saturated && bloomed(region.saturated_box);
     if (blooming) candidate.core = core_of_bloomed(image, region.saturated_box, sensor_.saturation_dn);
     if (region.cut || on_border(blooming ? candidate.core : region.box, image.width(), image.height())) continue;
     const bool vast =

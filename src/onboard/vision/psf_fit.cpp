@@ -216,23 +216,19 @@ PsfFit fit_psf_of_disc(ImageView<const std::uint16_t> image, const Window& windo
                        const SensorModel& sensor, const LocalPsf& psf, const LitDisc& disc, PsfEvidence* evidence) {
   ASTRONAV_CHECK(image.contains(window.u0, window.v0) && image.contains(window.u1, window.v1));
   ASTRONAV_CHECK(window.width() <= kMaxFitWindow && window.height() <= kMaxFitWindow);
-  // A step this short, in pixels, is the last.
-  constexpr int kMostPasses = 8;
-  constexpr double kSettled = 2e-4;
   Patch seen;
   seen.load(image, window, level, sensor);
   Patch as_spot = seen;
   ShapeFit about(as_spot, sensor, spread_px2(disc));
   PsfFit fit = about.run(guess, psf.of_disc(), nullptr);
   ShapeFit::Vector p = about.solution();
-  for (int pass = 0; pass < kMostPasses && p.allFinite(); ++pass) {
-    const WindowLight more =
-        beyond_spot(disc, {p(0), p(1)}, std::exp(p(ShapeFit::kFlux)), p(ShapeFit::kShape + LocalPsf::width), window);
-    for (std::size_t k = 0; k < more.size(); ++k) as_spot.light[k] = seen.light[k] - more[k];
+  for (int pass = 0; pass < kMostDiscPasses && p.allFinite(); ++pass) {
+    as_spot.light =
+        as_of_spot(seen, disc, {p(0), p(1)}, std::exp(p(ShapeFit::kFlux)), p(ShapeFit::kShape + LocalPsf::width));
     fit = about.run(fit.pixel, psf.of_disc(), evidence);
     const double moved = (about.solution() - p).head<2>().norm();
     p = about.solution();
-    if (moved < kSettled) break;
+    if (moved < kDiscSettledPx) break;
   }
   return inflated(fit);
 }

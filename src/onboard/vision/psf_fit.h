@@ -57,8 +57,8 @@ template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
                const SensorModel& sensor, const LocalPsf& psf, PsfEvidence* evidence = nullptr);
 
-// A saturated spot that is a small disc's: the place is its centre of light. What the disc has beyond a point is taken
-// off as the fit stands, until it stays (eq. 8d).
+// A saturated spot that is a small disc's: the place is its centre of light. What the disc has beyond a wider
+// spot is taken off as the fit stands, until it stays (eq. 8d).
 PsfFit fit_psf_of_disc(ImageView<const std::uint16_t> image, const Window& window, Pixel guess, const LocalLevel& level,
                        const SensorModel& sensor, const LocalPsf& psf, const LitDisc& disc,
                        PsfEvidence* evidence = nullptr);

@@ -87,30 +87,25 @@ class GroupFitter {
   }
 
   PsfFit run(Pixel guess) {
-    // As in fit_psf_of_disc().
-    constexpr int kMostPasses = 8;
-    constexpr double kSettled = 2e-4;
     believed_.head<2>() = guess.vec();  // of no weight
-    p_ = believed_;
-    PsfFit fit = settle();
+    Vector p = believed_;
+    PsfFit fit = settle(p);
     if (!(disc_.radius_px > 0.0)) return fit;
-    for (int pass = 0; pass < kMostPasses && fit.converged; ++pass) {
-      const Vec2 before = p_.head<2>();
-      const WindowLight more = beyond_spot(disc_, {p_(0), p_(1)}, std::exp(p_(ShapeFit::kFlux)),
-                                           p_(ShapeFit::kShape + LocalPsf::width), patch_.window);
-      for (std::size_t k = 0; k < more.size(); ++k) light_[k] = patch_.light[k] - more[k];
-      fit = settle();
-      if ((p_.head<2>() - before).norm() < kSettled) break;
+    for (int pass = 0; pass < kMostDiscPasses && fit.converged; ++pass) {
+      const Vec2 before = p.head<2>();
+      light_ =
+          as_of_spot(patch_, disc_, {p(0), p(1)}, std::exp(p(ShapeFit::kFlux)), p(ShapeFit::kShape + LocalPsf::width));
+      fit = settle(p);
+      if ((p.head<2>() - before).norm() < kDiscSettledPx) break;
     }
     return fit;
   }
 
  private:
-  // From p_ to where the fit ends.
-  PsfFit settle() {
+  // From p to where the fit ends.
+  PsfFit settle(Vector& p) {
     PsfFit fit;
     fit.saturated = patch_.saturated();
-    Vector& p = p_;
     place(p);
     weigh(p);
     double cost = linearize(p), damping = 1e-3;
@@ -265,12 +260,12 @@ class GroupFitter {
   }
 
   const Patch& patch_;
-  WindowLight light_;  // as if the body were a point
+  WindowLight light_;  // as if the body were such a spot
   const SensorModel& sensor_;
   LitDisc disc_;
   Vec2 spread_px2_;
   std::span<const LightBeside> beside_;
-  Vector believed_, p_;
+  Vector believed_;
   Matrix belief_;
   SpotProfiles body_;
   std::array<SpotProfiles, kMostBeside> others_;

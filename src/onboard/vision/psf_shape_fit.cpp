@@ -100,11 +100,11 @@ void add_core(Vec2 at_px, const Vec2& spread, double flux, double sigma, const W
 
 }  // namespace
 
-WindowLight beyond_spot(const LitDisc& disc, Pixel at, double core_flux, double sigma_px, const Window& window) {
-  WindowLight light{};
+WindowLight as_of_spot(const Patch& seen, const LitDisc& disc, Pixel at, double core_flux, double sigma_px) {
+  WindowLight light = seen.light;
   for (const DiscPoint& part : points_of(disc))
-    add_core(at.vec() + part.offset_px, Vec2::Zero(), core_flux * part.share, sigma_px, window, light);
-  add_core(at.vec(), spread_px2(disc), -core_flux, sigma_px, window, light);
+    add_core(at.vec() + part.offset_px, Vec2::Zero(), -core_flux * part.share, sigma_px, seen.window, light);
+  add_core(at.vec(), spread_px2(disc), core_flux, sigma_px, seen.window, light);
   return light;
 }
 

@@ -35,10 +35,13 @@ struct SpotProfiles {
   void compute(const Window& w, Pixel at, const LocalPsf::Vector& shape, const Vec2& spread_px2);
 };
 
-// What the core of a disc's light has beyond such a spot's, in each pixel of a window in rows of kMaxFitWindow. (A halo
-// is so much wider than the disc that its form is the spot's.)
+// The light of a patch less what the core of a disc in it has beyond such a spot's, in rows of kMaxFitWindow. (A halo
+// is so much wider than the disc that its form is the spot's.) A fit of the spot to it moves the disc's place, from
+// which it is made anew, until it stays (eq. 8d).
 using WindowLight = std::array<double, kMaxFitWindow * kMaxFitWindow>;
-WindowLight beyond_spot(const LitDisc& disc, Pixel at, double core_flux, double sigma_px, const Window& window);
+WindowLight as_of_spot(const Patch& seen, const LitDisc& disc, Pixel at, double core_flux, double sigma_px);
+inline constexpr int kMostDiscPasses = 8;
+inline constexpr double kDiscSettledPx = 2e-4;
 
 // Beyond this chi-square per degree of freedom something else is in the window, and the covariance grows with it.
 PsfFit inflated(PsfFit fit);

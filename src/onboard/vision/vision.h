@@ -77,8 +77,6 @@ class Vision {
   void learn_camera();
   void attend_stars(const Mat3& R_CN, std::size_t most, double reach_px);
   void attend_planets(const AttitudeSolution& attitude, std::span<const PlanetPrediction> predictions);
-  // What a disc, fitted as a point, adds to the error that repeats.
-  LitDisc disc_of(const PlanetPrediction& prediction) const;
   bool stayed(const PlanetMatch& match, Epoch epoch);
   void admit_discs(std::span<const PlanetPrediction> predictions);
   // vision_planets.cpp: which spot is which body.
@@ -101,9 +99,11 @@ class Vision {
     bool mixed = false;            // its light cannot be told from theirs
   };
   void list_bodies(std::span<const PlanetPrediction> predictions);
+  LitDisc disc_of(const PlanetPrediction& prediction) const;
   static double foretold_px(const Body& body) { return std::sqrt(body.covariance_px2.trace()); }
   void see_discs(ImageView<const std::uint16_t> frame, std::size_t asked);
   void see_as_disc(ImageView<const std::uint16_t> frame, const Body& body, Centroid& spot);
+  // What a disc adds to the error that repeats.
   double repeating_of_disc(const PlanetPrediction& prediction, const Body& body) const;
   // What runs into a body's light.
   struct Company {

@@ -343,6 +343,33 @@ TEST_F(SkyTest, RedDwarfsAreNotTakenForGiants) {
   EXPECT_EQ(giant->flux.electrons_per_s, band_.flux(giant->v_mag, giant->b_v).electrons_per_s);
 }
 
+// 9,000 stars: the share scatters by 0.4 % (1 sigma).
+TEST_F(SkyTest, AShareOfTheStarsHasACompanionThatStaysTheSame) {
+  const SkySettings alone{.max_v_mag = 6.5}, with{.max_v_mag = 6.5, .companion_share = 0.2, .companion_seed = 7};
+  const auto stars = all_sky(earth(), alone), both = all_sky(earth(), with);
+  const double companions = static_cast<double>(both.size() - stars.size());
+  const auto known =
+      std::count_if(stars.begin(), stars.end(), [](const SkySource& s) { return s.kind == SourceKind::star; });
+  EXPECT_NEAR(companions / static_cast<double>(known), 0.2, 0.02);
+  EXPECT_TRUE(std::is_sorted(both.begin(), both.end(),
+                             [](const SkySource& a, const SkySource& b) { return a.v_mag < b.v_mag; }));
+  const auto again = all_sky(earth(), with);
+  ASSERT_EQ(again.size(), both.size());
+  for (std::size_t i = 0; i < both.size(); ++i) ASSERT_EQ(again[i].direction_N, both[i].direction_N);
+  SkySettings other = with;
+  other.companion_seed = 8;
+  EXPECT_NE(all_sky(earth(), other).size(), both.size());
+  const SkySource* brightest = find(both, SourceKind::star, 0);
+  ASSERT_NE(brightest, nullptr);
+  double nearest = kPi;
+  for (const SkySource& s : stars) {
+    if (s.kind != SourceKind::star || s.v_mag > brightest->v_mag || brightest->v_mag > s.v_mag + 4.0) continue;
+    nearest = std::min(nearest, angle_between(s.direction_N, brightest->direction_N));
+  }
+  EXPECT_GT(nearest, 0.09 * kArcsecond);
+  EXPECT_LT(nearest, 10.01 * kArcsecond);
+}
+
 TEST_F(SkyTest, BeyondTheEphemerisIsAnError) {
   const auto sources = sky_.look(*Epoch::parse("2100-01-01 TDB"), {}, Vec3::UnitX(), 0.1, band_, SkySettings{});
   ASSERT_FALSE(sources);

@@ -98,7 +98,7 @@ Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& s, 
       camera, BandPhotometry(camera).flux(0.0, vision::ExposureSettings::kStarColour).electrons_per_s);
   settings.images = cycle->images_per_window();
   settings.threshold_sigma = s.onboard.vision.threshold_sigma;
-  if (s.onboard.vision.prior_attitude) settings.most_stars = static_cast<int>(vision::VisionSettings{}.guide_stars);
+  if (s.onboard.vision.prior_attitude) settings.most_stars = static_cast<int>(vision_settings(s).guide_stars);
   return settings;
 }
 
