@@ -198,7 +198,7 @@ void ColdStart::add(const navigation::BeaconMeasurement& m, const Vec3& v_stars_
   out.sight.body = m.body;
   out.sight.direction_N = (m.R_CN.transpose() * *in_camera).normalized();
   // Pixels lie across the boresight, give or take the half field: a few per cent of a sigma.
-  Mat3 covariance_C = m.attitude_covariance_rad2;
+  Mat3 covariance_C = m.attitude_covariance_rad2 - m.attitude_repeating_rad2;
   const Mat3 turn = cross_matrix(*in_camera);
   covariance_C = turn * covariance_C * turn.transpose();
   covariance_C.topLeftCorner<2, 2>() += m.pixel_covariance_px2 * pixel_rad * pixel_rad;
@@ -206,8 +206,9 @@ void ColdStart::add(const navigation::BeaconMeasurement& m, const Vec3& v_stars_
   out.boresight_N = m.R_CN.row(2).transpose();
   out.v_stars_m_s = v_stars_m_s;
   const double light_rad = photocentre_sigma_rad(m.body, m.mid_exposure, &out.sight.ephemeris_sigma_m);
-  const double repeating_px = std::hypot(settings_.filter.bias.sigma, m.repeating_sigma_px);
-  bias_rad_ = std::max(bias_rad_, std::hypot(repeating_px * pixel_rad, light_rad));
+  const double planet_rad = std::hypot(settings_.filter.bias.sigma, m.repeating_sigma_px) * pixel_rad;
+  const double attitude_rad = std::sqrt(0.5 * (m.attitude_repeating_rad2(0, 0) + m.attitude_repeating_rad2(1, 1)));
+  bias_rad_ = std::max(bias_rad_, std::hypot(planet_rad, attitude_rad, light_rad));
 }
 
 Result<navigation::InitialState> ColdStart::solve() {
