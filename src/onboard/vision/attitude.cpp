@@ -80,7 +80,8 @@ Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN
       if (!predicted) continue;
       sight.residual_px = sight.pixel.vec() - predicted->vec();
       Mat2 covariance = sight.covariance_px2;
-      covariance.diagonal().array() += options.extra_sigma_px * options.extra_sigma_px;
+      const double extra_px2 = options.extra_px2(sight);
+      covariance.diagonal().array() += extra_px2;
       const Mat2 weight = covariance.inverse();
       const double d2 = sight.residual_px.dot(weight * sight.residual_px);
       // The first two steps take all that came in: the start may be some pixels off.
@@ -101,7 +102,7 @@ Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN
       const double pull = star_pull(std::sqrt(d2), options.gate_sigma, iteration < 2);
       const Eigen::Matrix<double, N, 2, 0, Sizes<N>::kMax, 2> weighted = pull * jacobian.transpose() * weight;
       information.noalias() += weighted * jacobian;
-      shared.noalias() += weighted * weighted.transpose();
+      shared.noalias() += options.lasting_px2(sight) * (weighted * weighted.transpose());
       gradient.noalias() += weighted * sight.residual_px;
       chi2 += d2;
       pulls += pull;
@@ -121,8 +122,7 @@ Result<AttitudeFit> fit_with(std::span<StarSight> sights, const Mat3& first_R_CN
       const Normal covariance = ldlt.solve(Normal::Identity(n, n));
       const double larger = used >= kStarsThatTell ? std::max(1.0, pulled2 / (2.0 * pulls)) : 1.0;
       fit.covariance_rad2 = larger * covariance.template topLeftCorner<3, 3>();
-      fit.repeating_rad2 = larger * options.extra_sigma_px * options.extra_sigma_px *
-                           Normal(covariance * shared * covariance).template topLeftCorner<3, 3>();
+      fit.repeating_rad2 = larger * Normal(covariance * shared * covariance).template topLeftCorner<3, 3>();
       if (!fit.covariance_rad2.allFinite()) return fail(ErrorCode::not_converged, "the stars do not fix the attitude");
       return fit;
     }

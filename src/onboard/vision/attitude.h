@@ -18,6 +18,8 @@ struct StarSight {
   Pixel pixel;
   Mat2 covariance_px2 = Mat2::Identity();
   Vec3 direction_N;                 // apparent
+  double extra_px2 = 0.0;           // what the star itself may be off by, an axis; 0: as AttitudeOptions say
+  double lasting_px2 = 0.0;         // what the next images will have again of it; 0: all
   bool used = true;                 // in: take part; out: took part
   Vec2 residual_px = Vec2::Zero();  // out: measured minus predicted
 };
@@ -39,6 +41,12 @@ struct AttitudeOptions {
   // Added in quadrature to every centroid: what is wrong with camera and catalogue. The brightest stars are measured to
   // 0.002 px, but a fifth have companions that nobody listed, and a calibrated lens bends lines by some thousandths.
   double extra_sigma_px = 0.0035;
+  double extra_px2(const StarSight& sight) const {
+    return sight.extra_px2 > 0.0 ? sight.extra_px2 : extra_sigma_px * extra_sigma_px;
+  }
+  double lasting_px2(const StarSight& sight) const {
+    return sight.lasting_px2 > 0.0 ? sight.lasting_px2 : extra_px2(sight);
+  }
   double gate_sigma = 5.0;  // a star farther off than this (Mahalanobis) is left out, and tried again next time
   int max_iterations = 12;
 };
@@ -59,7 +67,7 @@ inline double star_pull(double sigmas, double gate_sigma, bool rough) {
 struct AttitudeFit {
   Mat3 R_CN = Mat3::Identity();
   Mat3 covariance_rad2 = Mat3::Zero();  // the solved-for camera parameters are accounted for
-  Mat3 repeating_rad2 = Mat3::Zero();   // its share that comes from `extra_sigma_px`: the same stars bring it again
+  Mat3 repeating_rad2 = Mat3::Zero();   // its share that the same stars bring again
   Intrinsics camera;
   int used = 0;
   double residual_rms_px = 0.0;  // per axis, over the stars used

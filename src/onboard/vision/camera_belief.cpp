@@ -73,7 +73,6 @@ Intrinsics CameraBelief::with(const Vector& errors) const {
 bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude) {
   constexpr int kAll = 3 + kParameters;
   constexpr AttitudeOptions options;  // noise and gate: those of the attitude alone
-  constexpr double kExtra2 = options.extra_sigma_px * options.extra_sigma_px;
   using All = Eigen::Matrix<double, kAll, kAll>;
   attitude.camera = CameraErrors{};
   attitude.camera.covariance = covariance_;
@@ -101,7 +100,8 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
       sight.used = false;
       if (!predicted) continue;
       sight.residual_px = sight.pixel.vec() - predicted->vec();
-      const Mat2 weight = (sight.covariance_px2 + kExtra2 * Mat2::Identity()).inverse();
+      const double extra_px2 = options.extra_px2(sight);
+      const Mat2 weight = (sight.covariance_px2 + extra_px2 * Mat2::Identity()).inverse();
       const double d2 = sight.residual_px.dot(weight * sight.residual_px);
       // The first two steps take all, with a bounded pull: the camera may be half a pixel off at the edge.
       const bool rough = iteration < 2;
@@ -112,7 +112,7 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
       jacobian << by_theta, by_errors(camera, by_camera, by_theta, turn);
       const Eigen::Matrix<double, kAll, 2> weighted = pull * jacobian.transpose() * weight;
       information.noalias() += weighted * jacobian;
-      shared.noalias() += weighted * weighted.transpose();
+      shared.noalias() += options.lasting_px2(sight) * (weighted * weighted.transpose());
       gradient.noalias() += weighted * sight.residual_px;
       sight.used = true;
       ++used;
@@ -126,7 +126,7 @@ bool CameraBelief::learn(std::span<StarSight> sights, AttitudeSolution& attitude
       const double larger = std::max(1.0, pulled2 / (2.0 * pulls));
       const All inverse = ldlt.solve(All::Identity());
       covariance = larger * inverse;
-      repeating = larger * kExtra2 * inverse * shared * inverse;
+      repeating = larger * inverse * shared * inverse;
       break;
     }
     const Eigen::Matrix<double, kAll, 1> step = ldlt.solve(gradient);

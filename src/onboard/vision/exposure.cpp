@@ -5,9 +5,9 @@
 #include <array>
 #include <cmath>
 
-#include "onboard/vision/attitude.h"
 #include "onboard/vision/psf_fit.h"
 #include "onboard/vision/psf_profile.h"
+#include "onboard/vision/star_memory.h"
 
 namespace astronav::vision {
 namespace {
@@ -117,7 +117,6 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
   out.exposure_s = exposure_s;
   out.planet = forecast_spot(sensor_, psf.of_body(), planet_dn_s * exposure_s, noise_dn);
 
-  const double lens2 = std::pow(AttitudeOptions{}.extra_sigma_px, 2);  // catalogue and lens
   double information = 0.0, shared = 0.0;
   for (std::size_t k = 0; k < count.size(); ++k) {
     if (count[k] == 0) continue;
@@ -128,9 +127,13 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
     if (!star.measured) continue;
     const int measured = std::min(count[k], settings_.most_stars - out.stars);
     out.stars += measured;
-    const double weight = 1.0 / (star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px + lens2);
+    const double alone2 = star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px;
+    // In the middle of the window, if its images are the first that show this star; most are single.
+    const double seen = 0.5 * settings_.images / alone2;
+    const double itself2 = StarMemory::expected_px2(seen, 2.0 / seen);
+    const double weight = 1.0 / (alone2 + itself2);
     information += measured * weight;
-    shared += measured * weight * weight * lens2;
+    shared += measured * weight * weight * itself2;
   }
   out.attitude_px = information > 0.0 ? 1.0 / std::sqrt(information) : 1e3;
   out.attitude_repeating_px = information > 0.0 ? std::sqrt(shared) / information : 0.0;

@@ -351,8 +351,8 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
     if (!sights_[i].used) continue;
     const Star& star = stars_[sight_star_[i]];
     const FieldStar& entry = field_.stars()[star.field];
-    matches[out.matched++] = {entry.catalogue_index, entry.id, static_cast<std::uint32_t>(star.spot),
-                              sights_[i].residual_px};
+    matches[out.matched++] = {entry.catalogue_index, entry.id, static_cast<std::uint32_t>(star.field),
+                              static_cast<std::uint32_t>(star.spot), sights_[i].residual_px};
   }
   return true;
 }

@@ -43,6 +43,7 @@ struct Centroid {
 struct MatchedStar {
   std::uint32_t catalogue_index = 0;
   std::uint32_t id = 0;        // Hipparcos number
+  std::uint32_t field = 0;     // index into the field of stars on board
   std::uint32_t centroid = 0;  // index into the centroids
   Vec2 residual_px = Vec2::Zero();
 };

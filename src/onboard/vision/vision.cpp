@@ -34,6 +34,7 @@ Vision::Vision(const VisionSettings& settings, const Intrinsics& camera, const S
       identifier_(field, index, camera, with_psf(settings.identify, sensor),
                   static_cast<std::size_t>(settings.centroids.max_centroids)),
       geometry_(camera, settings.camera),
+      star_memory_(field.stars().size()),
       attention_(camera.width_px, camera.height_px),
       memory_(settings.max_planets) {
   const auto spots = static_cast<std::size_t>(settings.centroids.max_centroids);
@@ -118,7 +119,7 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
     result_.attitude = known->attitude;
     result_.stars = std::span<const MatchedStar>(stars_.data(), known->matched);
     result_.hypotheses = known->hypotheses;
-    if (geometry_.learns() && !result_.attitude.mirrored) learn_camera();
+    if (geometry_.learns() && !result_.attitude.mirrored) refine_attitude();
   } else {
     result_.source = AttitudeSource::none;
   }
@@ -143,8 +144,9 @@ const FrameResult& Vision::process(ImageView<const std::uint16_t> frame, const O
   return result_;
 }
 
-// The stars' directions are where the identification's own camera and attitude put them.
-void Vision::learn_camera() {
+// Once more, with what is known of this camera and of these stars. Their directions are where the identification's own
+// camera and attitude put them.
+void Vision::refine_attitude() {
   AttitudeSolution& attitude = result_.attitude;
   sights_.clear();
   for (const MatchedStar& star : result_.stars) {
@@ -152,11 +154,19 @@ void Vision::learn_camera() {
     const Vec2 predicted = spot.pixel.vec() - star.residual_px;
     const Result<Vec3> direction_C = unproject(attitude.intrinsics, {predicted.x(), predicted.y()});
     if (!direction_C) return;
-    sights_.push_back({spot.pixel, spot.whole_covariance_px2(), attitude.R_CN.transpose() * *direction_C});
+    sights_.push_back({.pixel = spot.pixel,
+                       .covariance_px2 = spot.whole_covariance_px2(),
+                       .direction_N = attitude.R_CN.transpose() * *direction_C,
+                       .extra_px2 = star_memory_.expected_px2(star.field),
+                       .lasting_px2 = star_memory_.lasting_px2(star.field, 2.0 / spot.whole_covariance_px2().trace()),
+                       .residual_px = star.residual_px});
   }
   if (!geometry_.learn(sights_, attitude)) return;
   identifier_.set_camera(geometry_.camera());
-  for (std::size_t i = 0; i < sights_.size(); ++i) stars_[i].residual_px = sights_[i].residual_px;
+  for (std::size_t i = 0; i < sights_.size(); ++i) {
+    stars_[i].residual_px = sights_[i].residual_px;
+    star_memory_.learn(stars_[i].field, sights_[i], attitude.R_CN, attitude.intrinsics);
+  }
 }
 
 }  // namespace astronav::vision

@@ -18,6 +18,7 @@
 #include "onboard/vision/identify.h"
 #include "onboard/vision/planets.h"
 #include "onboard/vision/psf_group_fit.h"
+#include "onboard/vision/star_memory.h"
 #include "onboard/vision/types.h"
 
 namespace astronav::vision {
@@ -74,7 +75,7 @@ class Vision {
                                          const Mat3& prior_R_CN, std::span<const PlanetPrediction> predictions);
   Result<Identification> identify_whole(ImageView<const std::uint16_t> frame, const Observer& observer,
                                         const std::optional<Mat3>& prior_R_CN);
-  void learn_camera();
+  void refine_attitude();
   void attend_stars(const Mat3& R_CN, std::size_t most, double reach_px);
   void attend_planets(const AttitudeSolution& attitude, std::span<const PlanetPrediction> predictions);
   bool stayed(const PlanetMatch& match, Epoch epoch);
@@ -132,6 +133,7 @@ class Vision {
   CentroidFinder finder_;
   Identifier identifier_;
   CameraBelief geometry_;
+  StarMemory star_memory_;
   std::vector<StarSight> sights_;
   Attention attention_;
   std::vector<Pixel> guides_;

@@ -87,8 +87,10 @@ Result<FinalFit> fit_simply(const StarCatalogue& catalogue, const NamedStars& na
   for (std::size_t i = 0; i < sights.size(); ++i) {
     if (!sights[i].used) continue;
     const NamedStars::Name& name = names[i];
-    out.stars.push_back(
-        {name.catalogue_index, catalogue.star(name.catalogue_index).id, name.spot, sights[i].residual_px});
+    out.stars.push_back({.catalogue_index = name.catalogue_index,
+                         .id = catalogue.star(name.catalogue_index).id,
+                         .centroid = name.spot,
+                         .residual_px = sights[i].residual_px});
   }
   return out;
 }
@@ -150,8 +152,10 @@ Result<FinalFit> fit_lens(const StarCatalogue& catalogue, const FinalFit& first,
   out.attitude.residual_rms_px = best->rms_px / std::sqrt(2.0);
   for (std::size_t i = 0; i < best->used.size(); ++i) {
     if (!best->used[i]) continue;
-    out.stars.push_back(
-        {names[i].catalogue_index, catalogue.star(names[i].catalogue_index).id, names[i].spot, best->residuals_px[i]});
+    out.stars.push_back({.catalogue_index = names[i].catalogue_index,
+                         .id = catalogue.star(names[i].catalogue_index).id,
+                         .centroid = names[i].spot,
+                         .residual_px = best->residuals_px[i]});
   }
   return out;
 }
