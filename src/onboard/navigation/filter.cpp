@@ -11,6 +11,10 @@
 namespace astronav::navigation {
 namespace {
 
+double squared(double x) {
+  return x * x;
+}
+
 // Centroid and attitude: e + H_theta theta with E[e theta'] = C.
 Mat2 noise_covariance(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
   const Mat23& h = prediction.by_attitude;
@@ -207,8 +211,8 @@ double Filter::noise_scale(BodyId body) const {
 // in all images of this one.
 void Filter::start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction) {
   const Mat23 by_body = errors_of(beacon_of(measurement.body)).ephemeris_m * prediction.by_position;
-  const double repeating2 =
-      settings_.bias.sigma * settings_.bias.sigma + measurement.repeating_sigma_px * measurement.repeating_sigma_px;
+  window_repeating_px2_ = squared(measurement.repeating_sigma_px);
+  const double repeating2 = squared(settings_.bias.sigma) + window_repeating_px2_;
   const Mat2 covariance =
       repeating2 * Mat2::Identity() + by_body * by_body.transpose() +
       prediction.by_attitude * measurement.attitude_repeating_rad2 * prediction.by_attitude.transpose();
@@ -335,7 +339,8 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   last_body_ = measurement.body;
   last_image_ = epoch_;
 
-  const Mat2 unscaled_noise = noise_covariance(measurement, prediction->pixel);
+  const double beyond_window2 = std::max(0.0, squared(measurement.repeating_sigma_px) - window_repeating_px2_);
+  const Mat2 unscaled_noise = noise_covariance(measurement, prediction->pixel) + beyond_window2 * Mat2::Identity();
   const Mat2 R = noise_scale(measurement.body) * unscaled_noise;
   if (!is_covariance(R)) return rejected(UpdateReason::bad_measurement);
   const Vec2 z = measurement.pixel.vec();

@@ -213,6 +213,7 @@ class Filter {
   std::optional<Coast> coast_;
   Rejections rejections_;
   int accepted_in_window_ = 0;
+  double window_repeating_px2_ = 0.0;  // what the planet's spot was told to repeat when the window began, an axis
   std::array<NoiseScale, 8> noise_scales_{};
 };
 

@@ -368,6 +368,23 @@ TEST_F(FilterUpdate, WhatTheStarsBringAgainIsCarriedInTheBias) {
   }
 }
 
+// What one image of a window is told to repeat, and the first was not, is noise: no window begins anew.
+TEST_F(FilterUpdate, WhatOneImageRepeatsBeyondItsWindowIsNoise) {
+  settings.bias = {.sigma = 0.01, .tau_s = 12.0 * 3600.0};
+  Filter filter = started(truth, 1e4, 0.01);
+  const auto look = [&](double seconds, double repeating_px) {
+    const Duration later = Duration::seconds(seconds);
+    BeaconMeasurement m = photograph(fly(truth, epoch, later), body::mars, epoch + later, settings.camera, {}, nullptr);
+    m.repeating_sigma_px = repeating_px;
+    return filter.update(m).noise_covariance_px2(0, 0);
+  };
+  const double plain = look(100.0, 0.02);
+  EXPECT_NEAR(look(200.0, 0.02), plain, 1e-6);
+  EXPECT_NEAR(look(300.0, 0.3), plain + 0.3 * 0.3 - 0.02 * 0.02, 1e-6);
+  EXPECT_NEAR(look(400.0, 0.01), plain, 1e-6);
+  EXPECT_NEAR(look(5000.0, 0.3), plain, 1e-6);  // another window: all of it is in its bias
+}
+
 // A scattering law that is wrong by 5 % where 7 % are allowed for: learnt in one window, known in the next, of no
 // concern to another planet.
 TEST_F(FilterUpdate, LearnsHowFarTheLightStandsFromTheCentre) {

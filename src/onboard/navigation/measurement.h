@@ -15,7 +15,8 @@ struct BeaconMeasurement {
   Pixel pixel;                // centre of light on the detector
   Mat2 pixel_covariance_px2;  // of the centroid alone
   // What repeats from image to image of a window, per axis, 1 sigma: not averaged by more images (a saturated spot's
-  // wings that are not as believed). The filter carries it in its line-of-sight bias.
+  // wings that are not as believed). The filter carries it in its line-of-sight bias, as the window's first image tells
+  // it; what a later one tells beyond that is noise of its own (a proton in the spot).
   double repeating_sigma_px = 0.0;
   Mat3 R_CN = Mat3::Identity();  // attitude from the stars of the same frame
   // Of the attitude error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.

@@ -297,7 +297,8 @@ TEST(RecordedFilter, IsTheFilterItself) {
   ASSERT_TRUE(plain.kick({1.0, 2.0, 3.0}, 0.5));
   ASSERT_TRUE(recorded.kick({1.0, 2.0, 3.0}, 0.5));
   EXPECT_FALSE(recorded.propagate_to(start));
-  EXPECT_LT((plain.state().p_m - recorded.filter().state().p_m).norm(), 1e-3);
+  // Rounding alone: what the gains (1e7 m over 0.05 px) make of 1e-16 of 1e11 m depends on the compiler.
+  EXPECT_LT((plain.state().p_m - recorded.filter().state().p_m).norm(), 0.05);
   EXPECT_LT((plain.covariance_pv() - recorded.filter().covariance_pv()).norm(), 1e-9 * plain.covariance_pv().norm());
 
   // What a record says of the way to the next is what the filter went.

@@ -63,8 +63,9 @@ template void Patch::load<float>(ImageView<const float>, const Window&, const Lo
 PsfFit inflated(PsfFit fit) {
   constexpr double kBlendChi2 = 2.5;
   if (fit.chi2_per_dof > kBlendChi2) {
+    const double grown = (fit.chi2_per_dof - 1.0) * 0.5 * fit.covariance_px2.trace();
+    fit.repeating_sigma_px = std::hypot(fit.repeating_sigma_px, std::sqrt(grown));
     fit.covariance_px2 *= fit.chi2_per_dof;
-    fit.noise_px2 *= fit.chi2_per_dof;
   }
   return fit;
 }

@@ -43,7 +43,8 @@ WindowLight as_of_spot(const Patch& seen, const LitDisc& disc, Pixel at, double 
 inline constexpr int kMostDiscPasses = 8;
 inline constexpr double kDiscSettledPx = 2e-4;
 
-// Beyond this chi-square per degree of freedom something else is in the window, and the covariance grows with it.
+// Beyond a chi-square per degree of freedom of 2.5 something else is in the window, and the covariance grows with it:
+// not as this image's noise, since most of what is there will be there in the next one.
 PsfFit inflated(PsfFit fit);
 
 class ShapeFit {

@@ -16,7 +16,7 @@ namespace {
 constexpr double kDoubleShare = 0.2;
 constexpr double kUnknown2 = AttitudeOptions{}.extra_sigma_px * AttitudeOptions{}.extra_sigma_px;
 // Pixels that differ, the lens, and the attitudes found so far leave this of the others, however long one looks.
-constexpr double kLeast2 = 0.0015 * 0.0015;
+constexpr double kLeast2 = 0.001 * 0.001;
 constexpr double kPulled2 = (kUnknown2 - kLeast2) / kDoubleShare;
 
 }  // namespace

@@ -9,8 +9,13 @@
 namespace astronav::render {
 namespace {
 
-// Light of a cell, x and y in radii about its middle: the mean of the cosine of the Sun's height over fine x fine
-// points.
+// Where the cosines of the Sun's and the observer's height are these (eq. 10).
+double brightness(double sun, double observer, double minnaert) {
+  if (!(sun > 0.0)) return 0.0;
+  return minnaert == 1.0 ? sun : std::pow(sun, minnaert) * std::pow(observer, minnaert - 1.0);
+}
+
+// Light of a cell, x and y in radii about its middle: the mean of the brightness over fine x fine points.
 double light_of(const Globe& globe, double x, double y, double size, int fine) {
   const double towards = std::sin(globe.phase_angle_rad);
   const double outwards = std::cos(globe.phase_angle_rad);
@@ -21,7 +26,8 @@ double light_of(const Globe& globe, double x, double y, double size, int fine) {
     const double z2 = 1.0 - at_x * at_x - at_y * at_y;
     if (z2 <= 0.0) continue;
     const double sunward = at_x * globe.sunward.x() + at_y * globe.sunward.y();
-    light += std::max(0.0, towards * sunward + outwards * std::sqrt(z2));
+    const double z = std::sqrt(z2);
+    light += brightness(towards * sunward + outwards * z, z, globe.minnaert);
   }
   return light / (fine * fine);
 }

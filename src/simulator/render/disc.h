@@ -8,12 +8,13 @@
 
 namespace astronav::render {
 
-// A sphere lit by Lambert's law (docs/theory/rendering.md eq. 10). `sunward` is a unit vector in the picture; the Sun
-// is at the phase angle from the observer.
+// A sphere lit by Minnaert's law, which is Lambert's with an exponent of 1 (docs/theory/rendering.md eq. 10). `sunward`
+// is a unit vector in the picture; the Sun is at the phase angle from the observer.
 struct Globe {
   double radius_px = 0.0;
   double phase_angle_rad = 0.0;
   Vec2 sunward = Vec2::Zero();
+  double minnaert = 1.0;
 };
 
 // A rectangle in the picture, px from the disc's centre.
@@ -37,7 +38,7 @@ struct LitDisc {
 // All of the disc, `cells` along its diameter. Empty where no light can be seen: straight before the Sun.
 LitDisc lit_disc(const Globe& globe, int cells);
 // What of a large disc lies in a part of the picture, one cell a pixel: a disc that is wider than the detector costs no
-// more than the detector. The light that it has in all is that of the closed form.
+// more than the detector. The light that it has in all is that of the closed form, which is Lambert's.
 LitDisc lit_disc_part(const Globe& globe, const Part& part);
 
 }  // namespace astronav::render

@@ -343,11 +343,12 @@ bool Painter::is_large(const RenderedSource& source) const {
 LitDisc Painter::whole_disc(const RenderedSource& source, Sheet& sheet) const {
   if (!discs_ || !(source.radius_px > kLeastDisc * core_sigma(*camera_, source.pixel)) || is_large(source)) return {};
   const int cells = std::max(kLeastCells, static_cast<int>(2.0 * source.radius_px / cell_px(source.pixel)));
-  const Globe globe{source.radius_px, source.source.phase_angle_rad, source.sunward_px};
+  const Globe globe{source.radius_px, source.source.phase_angle_rad, source.sunward_px, source.source.minnaert};
   return sheet.counting ? unlit_disc(globe, cells, sheet) : lit_disc(globe, cells);
 }
 
 LitDisc Painter::large_disc(const RenderedSource& source, Pixel at, Sheet& sheet) const {
+  // Lambert's: of the closed form.
   const Globe globe{source.radius_px, source.source.phase_angle_rad, source.sunward_px};
   // As far beside the picture as light comes from.
   const PointSpread& psf = camera_->psf;

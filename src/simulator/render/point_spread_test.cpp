@@ -174,6 +174,12 @@ TEST(Disc, IsDrawnSoThatItsCentreOfLightIsWhereItWouldBe) {
   const Moments m = drawn(camera, full);
   EXPECT_NEAR(m.second(0, 0), 20.0 + 0.64 + kPixelVariance, 0.05);
   EXPECT_NEAR(m.second(1, 1), 20.0 + 0.64 + kPixelVariance, 0.05);
+  // Minnaert's: R^2 / (2 k + 3), from the integral of (1 - r^2)^(k - 1/2).
+  full.source.minnaert = 0.8;
+  const Moments flatter = drawn(camera, full);
+  EXPECT_NEAR(flatter.sum / 1e7, 1.0, 1e-3);
+  EXPECT_LT((flatter.centre - full.pixel.vec()).norm(), 1e-3);
+  EXPECT_NEAR(flatter.second(0, 0), 100.0 / 4.6 + 0.64 + kPixelVariance, 0.05);
 }
 
 // A part of a disc that is sampled once a pixel against the whole one.

@@ -148,7 +148,7 @@ bool may_be_inside(const Look& look, const Body& body, const State& there_O) {
   const Vec3 p_m = there_O.p_m - look.observer_O.p_m;
   const double distance = p_m.norm();
   const double speeds = (there_O.v_m_s.norm() + look.observer_O.v_m_s.norm()) / kSpeedOfLight;
-  const double size = (1.0 + look.settings.centre_of_light_scale) * body.radius_m;
+  const double size = (1.0 + look.settings.centre_of_light_scale_of(body.id)) * body.radius_m;
   const double margin = 2.0 * speeds + size / distance + (look.settings.refraction ? kMostRefraction : 0.0);
   if (!(margin < 0.5)) return true;
   return p_m.dot(look.axis_N) >= distance * std::cos(std::min(look.radius_rad + 2.0 * margin, kPi));
@@ -187,7 +187,7 @@ Result<std::optional<Seen>> see(const Look& look, const Body& body, std::vector<
   const double phase = phase_angle(light);
   double shift_m = 0.0;
   if (look.settings.centre_of_light)
-    shift_m = look.settings.centre_of_light_scale * lambert_photocentre_shift(body.radius_m, phase);
+    shift_m = look.settings.centre_of_light_scale_of(body.id) * lambert_photocentre_shift(body.radius_m, phase);
   const Vec3 rest = (p_from_observer + shift_m * across).normalized();
   Mat3 by_direction = Mat3::Identity();
   const Vec3 direction = look.settings.aberration ? aberrate(rest, look.observer_O.v_m_s, &by_direction) : rest;
@@ -214,6 +214,7 @@ Result<std::optional<Seen>> see(const Look& look, const Body& body, std::vector<
   const Vec3 sunward = by_direction * (across - rest * rest.dot(across)).normalized();
   if (look.settings.centre_of_light) source.angular_radius_rad = radius_rad * sunward.norm();
   source.phase_angle_rad = phase;
+  source.minnaert = look.settings.minnaert;
   source.sunward_N = (sunward - seen_N * seen_N.dot(sunward)).normalized();
   return std::optional(Seen{source, direction, distance});
 }
@@ -261,6 +262,12 @@ std::optional<SkySource> unknown_companion(const SkySource& star, const SkySetti
 }
 
 }  // namespace
+
+double SkySettings::centre_of_light_scale_of(BodyId body) const {
+  for (const OwnLaw& law : own_laws)
+    if (law.body == body) return centre_of_light_scale * law.centre_of_light_scale;
+  return centre_of_light_scale;
+}
 
 double lambert_photocentre_shift(double radius_m, double phase_angle_rad) {
   const double a = std::clamp(phase_angle_rad, 0.0, kPi);

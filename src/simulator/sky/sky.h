@@ -31,6 +31,7 @@ struct SkySource {
   // Of bodies: what a resolved disc looks like. 0 where it has to be drawn as a point.
   double angular_radius_rad = 0.0;
   double phase_angle_rad = 0.0;
+  double minnaert = 1.0;  // exponent of the law by which its surface scatters; 1: Lambert's
   Vec3 sunward_N =
       Vec3::Zero();  // unit vector across the line of sight, towards the Sun, as the moving observer sees it
 };
@@ -42,6 +43,15 @@ struct SkySettings {
   // Bodies at their centre of light, with their discs; false: points at the centre of figure (the paper's way).
   bool centre_of_light = true;
   double centre_of_light_scale = 1.0;  // the truth's law over the Lambert sphere's
+  // Bodies whose own law is another one: on top of that scale.
+  struct OwnLaw {
+    BodyId body;
+    double centre_of_light_scale;
+  };
+  std::vector<OwnLaw> own_laws{};
+  double centre_of_light_scale_of(BodyId body) const;
+  // Exponent of Minnaert's law, by which discs are drawn about the centre of light that the scales give; 1: Lambert's.
+  double minnaert = 1.0;
   // Share of the stars that have a companion which no catalogue knows: 0.1 to 10 arcsec away, up to 4 mag fainter, the
   // same ones at each look with the same seed (docs/theory/rendering.md section Companions).
   double companion_share = 0.0;

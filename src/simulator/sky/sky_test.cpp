@@ -176,6 +176,9 @@ TEST_F(SkyTest, ThePhotocentreLiesTowardsTheSun) {
   const double shift = angle_between(centre.direction_N, photo.direction_N);
   EXPECT_NEAR(shift * seen.relative.p_m.norm(), lambert_photocentre_shift(6051.8e3, phase_angle(geometry)), 2e3);
   EXPECT_NEAR(angle_between(centre.direction_N, twice.direction_N) / shift, 2.0, 1e-6);
+  light.own_laws = {{body::mars, 0.0}, {body::venus, 0.5}};
+  const SkySource once = *find(all_sky(observer, light), SourceKind::planet, body::venus.value);
+  EXPECT_NEAR(angle_between(centre.direction_N, once.direction_N) / shift, 1.0, 1e-6);
   EXPECT_LT(angle_between(photo.direction_N, sun), angle_between(centre.direction_N, sun));
 }
 

@@ -2,16 +2,16 @@
 #include "verification/loop/attitude_summary.h"
 
 #include <cmath>
-#include <limits>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+
+#include "verification/loop/summary_figures.h"
 
 namespace astronav::loop {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 struct MeanSquare {
   double sum2 = 0.0;
@@ -21,12 +21,12 @@ struct MeanSquare {
     sum2 += square * weight;
     count += weight;
   }
-  double mean() const { return count > 0.0 ? sum2 / count : kNan; }
+  double mean() const { return count > 0.0 ? sum2 / count : kNoFigure; }
   double rms() const { return std::sqrt(mean()); }
 };
 
 Band band(int count) {
-  return count > 0 ? chi_square_mean_band(0.95, 3.0, count) : Band{kNan, kNan};
+  return count > 0 ? chi_square_mean_band(0.95, 3.0, count) : Band{kNoFigure, kNoFigure};
 }
 
 Json band_json(const Band& b) {
@@ -34,7 +34,7 @@ Json band_json(const Band& b) {
 }
 
 double real(const Json& j) {
-  return j.is_null() ? kNan : j.get<double>();
+  return j.is_null() ? kNoFigure : j.get<double>();
 }
 
 }  // namespace
@@ -71,7 +71,7 @@ AttitudeFilterSummary summarize_attitude_filter(const Records& records) {
   }
   close_cycle();
   s.by_prior_rate =
-      records.level == "sil" && records.images > 0 ? static_cast<double>(by_prior) / records.images : kNan;
+      records.level == "sil" && records.images > 0 ? static_cast<double>(by_prior) / records.images : kNoFigure;
   s.cross_arcsec_1sigma = cross.rms() / kArcsecond;
   s.roll_arcsec_1sigma = roll.rms() / kArcsecond;
   s.slew_cross_arcsec_1sigma = slew_cross.rms() / kArcsecond;

@@ -49,6 +49,7 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
   settings.process.thrust_pointing = {.sigma = belief.thrust_pointing_sigma_deg * kDegree, .tau_s = thrust_tau_s};
   settings.camera = camera.intrinsics;
   settings.sight.centre_of_light = belief.photocentre;
+  settings.photocentre_tau_s = belief.photocentre_tau_days * 86400.0;
   settings.gate_probability = belief.gate_probability;
   const scenario::OnboardEphemeris& places = s.onboard.ephemeris;
   const double lasting_km[] = {places.mercury_km, places.venus_km,  places.earth_km,  places.mars_km,

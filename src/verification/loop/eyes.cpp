@@ -151,6 +151,7 @@ void Eyes::judge_attitude(Event& event, const vision::FrameResult& seen, const M
     const Mat3 R_believed_true = believed_axes ? Mat3(*believed_axes * true_axes_.transpose()) : Mat3::Identity();
     event.attitude_error_rad = -rotation_log(R_believed_true * R_CN * seen.attitude.R_CN.transpose());
     event.attitude_sigma_rad = seen.attitude.covariance_rad2.diagonal().cwiseSqrt();
+    event.attitude_repeating_rad = seen.attitude.repeating_rad2.diagonal().cwiseSqrt();
     const double worst = event.attitude_error_rad.cwiseQuotient(event.attitude_sigma_rad).cwiseAbs().maxCoeff();
     event.attitude_wrong = event.attitude_error_rad.norm() > kWrongAttitudeRad && worst > kWrongAttitudeSigma;
     event.stars_matched = static_cast<int>(seen.stars.size());
@@ -179,6 +180,7 @@ void Eyes::judge(Event& event, const executive::Look& look, const Mat3& R_CN, Bo
   event.innovation_covariance_px2 = look.update.innovation_covariance_px2;
   event.nis = look.update.nis;
   event.planet_sigma_px = look.measurement.pixel_covariance_px2.diagonal().cwiseSqrt();
+  event.planet_repeating_px = look.measurement.repeating_sigma_px;
   event.planet_false = true;
   for (const render::RenderedSource& s : sources_) {
     if (s.source.kind != sky::SourceKind::planet || s.source.id != beacon.value) continue;

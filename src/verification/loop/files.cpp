@@ -58,9 +58,10 @@ std::string records_csv(const Records& records) {
       "sigma_x_km,sigma_y_km,sigma_z_km,sigma_vx_m_s,sigma_vy_m_s,sigma_vz_m_s,nees,"
       "attitude_found,attitude_wrong,planet_found,planet_false,accepted,"
       "innovation_u_px,innovation_v_px,innovation_sigma_u_px,innovation_sigma_v_px,nis,"
-      "planet_error_u_px,planet_error_v_px,planet_sigma_u_px,planet_sigma_v_px,"
+      "planet_error_u_px,planet_error_v_px,planet_sigma_u_px,planet_sigma_v_px,planet_repeating_px,"
       "attitude_error_x_arcsec,attitude_error_y_arcsec,attitude_error_z_arcsec,"
       "attitude_sigma_x_arcsec,attitude_sigma_y_arcsec,attitude_sigma_z_arcsec,"
+      "attitude_repeating_x_arcsec,attitude_repeating_y_arcsec,attitude_repeating_z_arcsec,"
       "stars_matched,spots,centroid_rms_px,attitude_by_prior,"
       "foretold_error_x_arcsec,foretold_error_y_arcsec,foretold_error_z_arcsec,"
       "foretold_sigma_x_arcsec,foretold_sigma_y_arcsec,foretold_sigma_z_arcsec,foretold_nees,"
@@ -81,7 +82,7 @@ std::string records_csv(const Records& records) {
     three(e.truth.v_m_s, 1e-3, ",{:.9f}");
     if (e.kind == EventKind::survey_image) {
       // No estimate yet, no planet that anybody looked for, and no gyro.
-      const std::string no_estimate(20, ','), no_planet(19, ','), no_gyro(17, ',');
+      const std::string no_estimate(20, ','), no_planet(23, ','), no_gyro(17, ',');
       fmt::format_to(to, "{}{:d},{:d}{}{},{},{}\n", no_estimate, e.attitude_found, e.attitude_wrong, no_planet,
                      e.stars_matched, e.spots, no_gyro);
       continue;
@@ -96,19 +97,21 @@ std::string records_csv(const Records& records) {
     fmt::format_to(to, ",{:.4f}", e.nees);
     if (e.kind == EventKind::image) {
       const Vec2 innovation_sigma = e.innovation_covariance_px2.diagonal().cwiseSqrt();
-      fmt::format_to(to, ",{:d},{:d},{:d},{:d},{:d},{:.5f},{:.5f},{:.5f},{:.5f},{:.4f},{:.5f},{:.5f},{:.5f},{:.5f}",
-                     e.attitude_found, e.attitude_wrong, e.planet_found, e.planet_false, e.accepted,
-                     e.innovation_px.x(), e.innovation_px.y(), innovation_sigma.x(), innovation_sigma.y(), e.nis,
-                     e.planet_error_px.x(), e.planet_error_px.y(), e.planet_sigma_px.x(), e.planet_sigma_px.y());
+      fmt::format_to(
+          to, ",{:d},{:d},{:d},{:d},{:d},{:.5f},{:.5f},{:.5f},{:.5f},{:.4f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f}",
+          e.attitude_found, e.attitude_wrong, e.planet_found, e.planet_false, e.accepted, e.innovation_px.x(),
+          e.innovation_px.y(), innovation_sigma.x(), innovation_sigma.y(), e.nis, e.planet_error_px.x(),
+          e.planet_error_px.y(), e.planet_sigma_px.x(), e.planet_sigma_px.y(), e.planet_repeating_px);
       three(e.attitude_error_rad, 1.0 / kArcsecond, ",{:.4f}");
       three(e.attitude_sigma_rad, 1.0 / kArcsecond, ",{:.4f}");
+      three(e.attitude_repeating_rad, 1.0 / kArcsecond, ",{:.4f}");
       fmt::format_to(to, ",{},{},", e.stars_matched, e.spots);
       if (e.centroid_error_count > 0) {
         fmt::format_to(to, "{:.5f}", std::sqrt(e.centroid_error_sum2_px2 / e.centroid_error_count));
       }
       fmt::format_to(to, "{}", attitude_columns(e));
     } else {
-      fmt::format_to(to, "{}", std::string(40, ','));
+      fmt::format_to(to, "{}", std::string(44, ','));
     }
     fmt::format_to(to, "\n");
   }

@@ -15,7 +15,7 @@ scenario::Scenario undisturbed(scenario::Scenario s) {
   s.truth.unloading.on = false;
   s.truth.clock = {};
   s.truth.pointing.jitter_arcsec = 0.0;
-  s.truth.photocentre.scale = 1.0;
+  s.truth.photocentre = {.on = s.truth.photocentre.on};
   s.truth.camera.file = s.onboard.camera.file;
   s.truth.camera.focal_error_relative = 0.0;
   s.truth.camera.center_offset_u_px = s.truth.camera.center_offset_v_px = 0.0;

@@ -291,6 +291,7 @@ Result<void> Flight::expect(Event& image, const State& truth, BodyId beacon) {
   if (!m) return forward(m);
   use(image, *m);
   image.attitude_sigma_rad = m->attitude_covariance_rad2.diagonal().cwiseSqrt();
+  image.attitude_repeating_rad = m->attitude_repeating_rad2.diagonal().cwiseSqrt();
   image.stars_matched = forecast_->window().stars;
   return {};
 }
@@ -312,6 +313,7 @@ void Flight::use(Event& image, const navigation::BeaconMeasurement& m) {
   image.innovation_covariance_px2 = update.innovation_covariance_px2;
   image.nis = update.nis;
   image.planet_sigma_px = m.pixel_covariance_px2.diagonal().cwiseSqrt();
+  image.planet_repeating_px = m.repeating_sigma_px;
 }
 
 Result<void> Flight::photograph(Event& image, const State& truth, BodyId beacon) {

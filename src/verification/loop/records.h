@@ -66,8 +66,10 @@ struct Event {
   double nis = 0.0;
   Vec2 planet_error_px = Vec2::Zero();  // measured minus true pixel, as the onboard software sees it
   Vec2 planet_sigma_px = Vec2::Zero();
+  double planet_repeating_px = 0.0;        // what it is told to be off by in all images of the window, an axis
   Vec3 attitude_error_rad = Vec3::Zero();  // camera axes
   Vec3 attitude_sigma_rad = Vec3::Zero();
+  Vec3 attitude_repeating_rad = Vec3::Zero();  // the part of it that comes again with the same stars
   int stars_matched = 0;
   int spots = 0;
   double centroid_error_sum2_px2 = 0.0;  // over matched stars, both axes

@@ -160,7 +160,12 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
   world->sky_settings_.companion_share = s.sky.companion_share;
   world->sky_settings_.companion_seed = RandomStream({.seed = seed, .sample = sample, .purpose = "companions"}).next();
   world->sky_settings_.centre_of_light = s.truth.photocentre.on;
-  world->sky_settings_.centre_of_light_scale = s.truth.photocentre.scale;
+  const scenario::TruthPhotocentre& light = s.truth.photocentre;
+  world->sky_settings_.centre_of_light_scale = light.scale;
+  world->sky_settings_.minnaert = light.minnaert;
+  world->sky_settings_.own_laws = {{body::mercury, light.mercury}, {body::venus, light.venus},
+                                   {body::earth, light.earth},     {body::mars, light.mars},
+                                   {body::jupiter, light.jupiter}, {body::saturn, light.saturn}};
   return world;
 }
 

@@ -96,7 +96,14 @@ const std::array kKeys{
     NUMBER(truth.gyro.jump_deg_h, "deg/h", 0.0, 1e6, "a fault: by how much the bias jumps, in any direction, when the slew between the two windows of a cycle begins; 0: none"),
 
     SWITCH(truth.photocentre.on, "planets shine from their centre of light; false: from their centre of figure"),
-    NUMBER(truth.photocentre.scale, "", 0.0, 3.0, "true displacement of the centre of light over that of a Lambert sphere"),
+    NUMBER(truth.photocentre.scale, "", 0.0, 3.0, "true displacement of the centre of light over that of a Lambert sphere, of all planets"),
+    NUMBER(truth.photocentre.minnaert, "", 0.5, 1.5, "exponent of Minnaert's law by which discs are drawn about that centre; 1: Lambert's law, which the onboard software believes"),
+    NUMBER(truth.photocentre.mercury, "", 0.0, 3.0, "times this for Mercury"),
+    NUMBER(truth.photocentre.venus, "", 0.0, 3.0, "times this for Venus"),
+    NUMBER(truth.photocentre.earth, "", 0.0, 3.0, "times this for the Earth"),
+    NUMBER(truth.photocentre.mars, "", 0.0, 3.0, "times this for Mars"),
+    NUMBER(truth.photocentre.jupiter, "", 0.0, 3.0, "times this for Jupiter"),
+    NUMBER(truth.photocentre.saturn, "", 0.0, 3.0, "times this for Saturn"),
 
     CHOICE(onboard.start.from, "prior survey", "prior: a state is told, with the errors of [onboard.filter]; survey: nothing but the clock and the Sun's direction, so that pictures along the ecliptic have to show planets before the first window; where they do not, again before the next cycle"),
 
@@ -125,6 +132,7 @@ const std::array kKeys{
     SWITCH(onboard.filter.adaptive_r, "a scale of the measurement noise is learnt for each beacon from past residuals; false: as the image processing says"),
     SWITCH(onboard.filter.photocentre, "centre of light of a Lambert sphere in the measurement model; false: centre of figure"),
     NUMBER(onboard.filter.photocentre_sigma, "", 0.0, 1.0, "error of that law which the filter allows for and estimates, one scale a planet, relative, 1 sigma; 0: the law is known"),
+    NUMBER(onboard.filter.photocentre_tau_days, "d", 1.0, 1e6, "how long that error stays the same: correlation time"),
     TEXT(onboard.filter.bodies, "whose gravity the filter models beside the Sun's"),
 
     NUMBER(onboard.ephemeris.mercury_km, "km", 0.0, 1e6, "lasting error of its place that the filter allows for and estimates, along the orbit and across its plane, 1 sigma each; 0: known"),

@@ -112,6 +112,9 @@ struct TruthGyro {
 struct TruthPhotocentre {
   bool on = true;
   double scale = 1.0;
+  double minnaert = 1.0;
+  // On top of the scale, a planet's own.
+  double mercury = 1.0, venus = 1.0, earth = 1.0, mars = 1.0, jupiter = 1.0, saturn = 1.0;
 };
 
 struct Sky {
@@ -146,13 +149,14 @@ struct OnboardFilter {
   double camera_focal_relative_sigma = 1e-5;
   double camera_k1_sigma = 1e-4;
   double camera_tau_days = 30.0;
-  double window_bias_sigma_px = 0.00015;
+  double window_bias_sigma_px = 0.0001;
   double window_bias_tau_hours = 12.0;
   double ephemeris_sigma_km = 1.0;
   double gate_probability = 0.9999;
   bool adaptive_r = true;
   bool photocentre = true;
   double photocentre_sigma = 0.0;
+  double photocentre_tau_days = 1000.0;
   std::vector<std::string> bodies = {"mercury", "venus",  "earth",  "moon",   "mars",
                                      "jupiter", "saturn", "uranus", "neptune"};
 };
