@@ -41,7 +41,7 @@ class ExposureLadder {
     const Mat3 R_CN = random_attitude(where);
     point(R_CN, v_mag, where);
     ExposureRow row;
-    row.expected = control_.forecast(planet_.direction_N, planet_dn_s(), eyes_.psf_in_the_middle(), exposure_s);
+    row.expected = control_.forecast({planet_.direction_N, planet_dn_s()}, eyes_.psf_in_the_middle(), exposure_s);
     Vec2 sum = Vec2::Zero();
     double squares = 0.0, attitude2 = 0.0;
     for (int k = 0; k < images; ++k) {
@@ -75,7 +75,7 @@ class ExposureLadder {
   vision::ExposureForecast choose(int number, double v_mag) {
     RandomStream where(StreamId{.seed = 17, .sample = static_cast<std::uint64_t>(number), .purpose = "window"});
     point(random_attitude(where), v_mag, where);
-    return control_.choose(planet_.direction_N, planet_dn_s(), eyes_.psf_in_the_middle());
+    return control_.choose({planet_.direction_N, planet_dn_s()}, eyes_.psf_in_the_middle());
   }
 
  private:

@@ -101,9 +101,11 @@ Result<void> Navigator::prepare_window(BodyId beacon, Epoch epoch) {
   const auto planet = predict(beacon, epoch);
   if (!planet) return forward(planet);
   if (!(planet->expected_flux_dn > 0.0)) return {};
-  const double dn_s = (planet->expected_flux_dn + planet->companion_flux_dn) / settings_.brightness->exposure_s;
-  settings_.brightness->exposure_s =
-      settings_.exposure->choose(planet->direction_N, dn_s, eyes_->psf_in_the_middle()).exposure_s;
+  const vision::ExpectedPlanet expected{
+      .direction_N = planet->direction_N,
+      .dn_s = (planet->expected_flux_dn + planet->companion_flux_dn) / settings_.brightness->exposure_s,
+      .radius_px = planet->angular_radius_rad / settings_.filter.camera.plate_scale_rad_px()};
+  settings_.brightness->exposure_s = settings_.exposure->choose(expected, eyes_->psf_in_the_middle()).exposure_s;
   return {};
 }
 

@@ -13,8 +13,7 @@ constexpr std::size_t kMaxOthers = 128;
 constexpr std::size_t kMaxBox = 65536;  // px; a larger region is no spot, and its light is not summed
 constexpr std::size_t kConsensus = 5;   // bright spots that can tell what all have in common
 constexpr double kBrightNoise = 20.0;   // peak over noise: then a spot's width is its own, not the threshold's
-constexpr double kLessonSnr = 150.0;    // a star that shows the point-spread function beyond its core
-constexpr int kLessonReach = 9;         // px about it
+constexpr int kLessonReach = 9;         // px about a star that shows the point-spread function beyond its core
 // With a prior attitude: so many pixels tell the level, and a spot that is cut and this high may be a smeared column.
 constexpr std::size_t kFewSamples = 16384;
 constexpr int kLongCut = 24;
@@ -37,13 +36,6 @@ double s_curve_rms(double sigma) {
     sum2 += error * error;
   }
   return std::sqrt(sum2 / kPhases);
-}
-
-// Beside what the belief allows for: wings of no model's form. Means over windows of 36 images of saturated planets
-// scatter by 0.0002 to 0.0005 px, the noise of an image over six included (benchmarks/accuracy/centroids.cpp).
-double repeating_sigma(const PsfFit& fit) {
-  constexpr double kLeast = 0.0001;
-  return std::hypot(fit.repeating_sigma_px, kLeast);
 }
 
 // A place known to 2 px, or worse, is none.
@@ -95,11 +87,7 @@ Pixel middle_of(const Window& box) {
 
 CentroidFinder::CentroidFinder(const CentroidSettings& settings, const SensorModel& sensor, int max_width,
                                int max_height)
-    : settings_(settings),
-      sensor_(sensor),
-      psf_(sensor, max_width, max_height),
-      before_lessons_(psf_),
-      background_(max_width) {
+    : settings_(settings), sensor_(sensor), lessons_(sensor, max_width, max_height), background_(max_width) {
   ASTRONAV_CHECK(max_width > 2 && max_height > 2 && max_width < 32768 && max_height < 32768);
   ASTRONAV_CHECK(sensor.psf_sigma_px > 0.0 && sensor.gain_e_dn > 0.0);
   s_curve_rms_px_ = s_curve_rms(sensor.psf_sigma_px);
@@ -181,7 +169,7 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
     else
       return false;
   }
-  const LocalPsf psf = psf_.at(guess);
+  const LocalPsf psf = lessons_.belief().at(guess);
   const int reach = psf.reach_px();
   const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
   const Window window = region.saturated ? grown(candidate.core, reach + 1, image.width(), image.height())
@@ -201,23 +189,18 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
 template <typename T>
 void CentroidFinder::consider_lesson(ImageView<const T> image, const Region& region, const PsfFit& fit,
                                      const LocalPsf& psf, const LocalLevel& level, const PsfEvidence& evidence) {
-  const bool young = lessons_learnt_ < kFirstLessons;
-  if (lesson_count_ == (young ? lessons_.size() : 1) || (!young && lessons_tried_ == 2) ||
-      fit.flux_dn < kLessonSnr * fit.flux_sigma_dn)
-    return;
-  Lesson& lesson = lessons_[lesson_count_];
-  lesson = {fit.pixel, evidence, region.saturated};
+  if (!lessons_.wants(fit)) return;
   const int u = static_cast<int>(std::lround(fit.pixel.u)), v = static_cast<int>(std::lround(fit.pixel.v));
   const Window window =
       grown(region.saturated ? region.saturated_box : Window{u, v, u, v}, kLessonReach, image.width(), image.height());
   if (!alone(window, region)) return;
-  ++lessons_tried_;
-  if (region.saturated) {
-    lesson.evidence.weaken(fit.chi2_per_dof);
-  } else if (!psf_evidence(image, window, fit, level, sensor_, psf, lesson.evidence)) {
-    return;
-  }
-  ++lesson_count_;
+  PsfEvidence found = evidence;
+  bool tells = true;
+  if (region.saturated)
+    found.weaken(fit.chi2_per_dof);
+  else
+    tells = psf_evidence(image, window, fit, level, sensor_, psf, found);
+  lessons_.offer(fit.pixel, tells ? &found : nullptr, region.saturated);
 }
 
 bool CentroidFinder::alone(const Window& window, const Region& region) const {
@@ -229,24 +212,6 @@ bool CentroidFinder::alone(const Window& window, const Region& region) const {
       return false;
   }
   return true;
-}
-
-void CentroidFinder::learn() {
-  if (lesson_count_ > 0) before_lessons_ = psf_;
-  for (std::size_t i = 0; i < lesson_count_; ++i)
-    psf_.learn(lessons_[i].pixel, lessons_[i].evidence, lessons_[i].resolved);
-  lessons_learnt_ += lesson_count_;
-}
-
-void CentroidFinder::learn_anew(Pixel place, const PsfEvidence& evidence) {
-  for (std::size_t i = 0; i < lesson_count_; ++i) {
-    Lesson& lesson = lessons_[i];
-    if (!lesson.resolved || (lesson.pixel.vec() - place.vec()).norm() > 1.0) continue;
-    lesson.evidence = evidence;
-    psf_ = before_lessons_;
-    lessons_learnt_ -= lesson_count_;
-    learn();
-  }
 }
 
 Window CentroidFinder::core_about(ImageView<const std::uint16_t> image, Pixel place, int most_px) const {
@@ -284,7 +249,7 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
   constexpr double kGoodChi2 = 1.5;
   PsfFit best;
   for (const Pixel guess : guesses) {
-    const LocalPsf psf = psf_.at(guess);
+    const LocalPsf psf = lessons_.belief().at(guess);
     const int reach = psf.reach_px();
     if (!(guess.u >= reach && guess.v >= reach && guess.u < image.width() - reach && guess.v < image.height() - reach))
       continue;
@@ -308,7 +273,7 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
 
 bool CentroidFinder::measure_disc(ImageView<const std::uint16_t> image, const FrameLevel& level, const LitDisc& disc,
                                   Centroid& spot) {
-  const LocalPsf psf = (lesson_count_ > 0 ? before_lessons_ : psf_).at(spot.pixel);
+  const LocalPsf psf = lessons_.before().at(spot.pixel);
   const auto window = window_about(image, spot.pixel, psf.reach_px());
   if (!window) return false;
   PsfEvidence evidence;
@@ -316,7 +281,7 @@ bool CentroidFinder::measure_disc(ImageView<const std::uint16_t> image, const Fr
       fit_psf_of_disc(image, *window, spot.pixel, level_under(spot.pixel, level), sensor_, psf, disc, &evidence);
   if (!usable(fit)) return false;
   evidence.weaken(fit.chi2_per_dof);
-  learn_anew(spot.pixel, evidence);
+  lessons_.replace(spot.pixel, evidence);
   take(fit, spot);
   return true;
 }
@@ -367,7 +332,7 @@ Mat2 CentroidFinder::common_motion() {
     std::nth_element(excess_.begin(), middle, excess_.begin() + static_cast<std::ptrdiff_t>(n));
     common(row, column) = common(column, row) = *middle;
   }
-  const double one = spot_variance_px2(psf_.at({0.0, 0.0}));
+  const double one = spot_variance_px2(lessons_.belief().at({0.0, 0.0}));
   common -= one * Mat2::Identity();
   const Eigen::SelfAdjointEigenSolver<Mat2> axes(common);
   // Half a star's own variance, along one axis: 2 px of motion for a core of 0.8.
@@ -435,14 +400,14 @@ void CentroidFinder::choose(ImageView<const T> image, std::size_t wanted) {
   std::size_t kept = 0, bright = 0, sharp = 0;
   for (Candidate& candidate : candidates_) {
     const Region& region = regions[candidate.region];
-    candidate.kind = kind_of(region, candidate.moments, psf_.at(middle_of(region.box)), motion);
+    candidate.kind = kind_of(region, candidate.moments, lessons_.belief().at(middle_of(region.box)), motion);
     if (candidate.moments.peak_over_noise < kBrightNoise) continue;
     ++bright;
     if (candidate.kind == SpotKind::cosmic_ray) ++sharp;
   }
   // Where most bright spots are sharper than believed, the belief is wrong and not the spots; once it was learned, it
   // is not.
-  const bool sharper_optics = bright >= kConsensus && 2 * sharp > bright && !psf_.settled();
+  const bool sharper_optics = bright >= kConsensus && 2 * sharp > bright && !lessons_.belief().settled();
   for (const Candidate& candidate : candidates_) {
     SpotKind kind = candidate.kind;
     if (kind == SpotKind::cosmic_ray) kind = sharper_optics ? SpotKind::point : kind_of_sharp(candidate.moments.peak);
@@ -486,7 +451,7 @@ std::size_t CentroidFinder::find_in(ImageView<const T> image, const FrameLevel& 
 bool CentroidFinder::choose_within(ImageView<const std::uint16_t> image, const Attention& attention,
                                    const FrameLevel& level, std::size_t wanted) {
   attention_ = &attention;
-  lesson_count_ = 0;
+  lessons_.begin_frame();
   grow_regions(image, level);
   for (const Region& region : regions_.all()) {
     if (region.cut && (region.saturated || region.box.height() >= kLongCut)) return false;
@@ -512,18 +477,14 @@ std::optional<std::size_t> CentroidFinder::find_within(ImageView<const std::uint
 }
 
 void CentroidFinder::look_again() {
-  if (lesson_count_ > 0) {
-    psf_ = before_lessons_;
-    lessons_learnt_ -= lesson_count_;
-    lesson_count_ = 0;
-  }
+  lessons_.take_back();
   std::swap(sharp_[0], sharp_[1]);
   std::swap(sharp_count_[0], sharp_count_[1]);
 }
 
 template <typename T>
 std::size_t CentroidFinder::measure_chosen(ImageView<const T> image, CentroidMethod method, std::span<Centroid> out) {
-  lesson_count_ = lessons_tried_ = 0;
+  lessons_.begin_frame();
   std::size_t count = 0;
   for (const Candidate& candidate : candidates_) {
     const Region& region = regions_.all()[candidate.region];
@@ -537,7 +498,7 @@ std::size_t CentroidFinder::measure_chosen(ImageView<const T> image, CentroidMet
     centroid.saturated = region.saturated;
     ++count;
   }
-  learn();
+  lessons_.learn();
   std::sort(out.begin(), out.begin() + static_cast<std::ptrdiff_t>(count),
             [](const Centroid& a, const Centroid& b) { return a.flux_dn > b.flux_dn; });
   return count;

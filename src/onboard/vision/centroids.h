@@ -19,6 +19,7 @@
 #include "onboard/vision/background.h"
 #include "onboard/vision/psf_fit.h"
 #include "onboard/vision/psf_group_fit.h"
+#include "onboard/vision/psf_lessons.h"
 #include "onboard/vision/regions.h"
 #include "onboard/vision/spot_shape.h"
 #include "onboard/vision/types.h"
@@ -84,11 +85,8 @@ class CentroidFinder {
   // Systematic part of the squared-intensity centroid (1 sigma an axis, px): the S-curve of a Gaussian of this width.
   double s_curve_rms_px() const { return s_curve_rms_px_; }
 
-  const PsfBelief& psf() const { return psf_; }
-  void forget_psf() {
-    psf_.forget();
-    lessons_learnt_ = 0;
-  }
+  const PsfBelief& psf() const { return lessons_.belief(); }
+  void forget_psf() { lessons_.forget(); }
 
  private:
   struct Candidate {
@@ -97,13 +95,6 @@ class CentroidFinder {
     Moments moments;
     SpotKind kind = SpotKind::point;
   };
-  // A spot that may say something of the point-spread function, until the frame is done.
-  struct Lesson {
-    Pixel pixel;
-    PsfEvidence evidence;
-    bool resolved = false;
-  };
-
   template <typename T>
   std::size_t find_whole(ImageView<const T> image, std::span<Centroid> out, FrameLevel* level);
   template <typename T>
@@ -133,14 +124,12 @@ class CentroidFinder {
   // That and what a fit wants about it; nothing where it is more than a fit can hold.
   std::optional<Window> window_about(ImageView<const std::uint16_t> image, Pixel place, int reach_px) const;
   LocalLevel level_under(Pixel place, const FrameLevel& level) const;
-  void learn();
-  void learn_anew(Pixel place, const PsfEvidence& evidence);
 
   CentroidSettings settings_;
   SensorModel sensor_;
   double s_curve_rms_px_ = 0.0;
   bool moving_ = false;
-  PsfBelief psf_, before_lessons_;  // before those of the last frame
+  PsfLessons lessons_;
   Background background_;
   Regions regions_;
   const Attention* attention_ = nullptr;  // of this frame; nullptr: everywhere
@@ -152,10 +141,6 @@ class CentroidFinder {
   std::vector<Candidate> candidates_;
   std::vector<Centroid> others_;
   std::vector<double> excess_;
-  // A frame's. Some dozens settle the belief; then one a frame, of at most two stars that are tried, follows its drift.
-  static constexpr std::size_t kFirstLessons = 48;
-  std::array<Lesson, 4> lessons_;
-  std::size_t lesson_count_ = 0, lessons_tried_ = 0, lessons_learnt_ = 0;
   // Pixels that were sharper than any star, in this frame and in the last.
   static constexpr std::size_t kSharp = 256;
   std::array<std::array<Pixel, kSharp>, 2> sharp_;

@@ -70,7 +70,7 @@ SpotForecast forecast_spot(const SensorModel& sensor, const LocalPsf& psf, doubl
   if (!fit.converged) return out;
   out.measured = true;
   out.sigma_px = std::sqrt(0.5 * fit.noise_px2.trace());
-  out.repeating_px = fit.repeating_sigma_px;
+  out.repeating_px = fit.saturated ? repeating_sigma(fit) : fit.repeating_sigma_px;
   return out;
 }
 
@@ -102,12 +102,11 @@ ExposureControl::Census ExposureControl::stars_around(const Vec3& direction_N) c
   return count;
 }
 
-ExposureForecast ExposureControl::forecast(const Vec3& direction_N, double planet_dn_s, const LocalPsf& psf,
-                                           double exposure_s) const {
-  return forecast(stars_around(direction_N), planet_dn_s, psf, exposure_s);
+ExposureForecast ExposureControl::forecast(const ExpectedPlanet& planet, const LocalPsf& psf, double exposure_s) const {
+  return forecast(stars_around(planet.direction_N), planet, psf, exposure_s);
 }
 
-ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn_s, const LocalPsf& psf,
+ExposureForecast ExposureControl::forecast(const Census& count, const ExpectedPlanet& planet, const LocalPsf& psf,
                                            double exposure_s) const {
   const double read_dn = sensor_.read_noise_e / sensor_.gain_e_dn;
   constexpr double kQuantisation = 1.0 / 12.0;
@@ -115,7 +114,10 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
       std::sqrt(read_dn * read_dn + kQuantisation + settings_.sky_dn_s * exposure_s / sensor_.gain_e_dn);
   ExposureForecast out;
   out.exposure_s = exposure_s;
-  out.planet = forecast_spot(sensor_, psf.of_body(), planet_dn_s * exposure_s, noise_dn);
+  // A full Lambert disc has <x^2> = R^2 / 5: its spot is that of a wider point.
+  LocalPsf of_planet = psf.of_body();
+  of_planet.value[LocalPsf::width] = std::hypot(psf.sigma_px(), planet.radius_px / std::sqrt(5.0));
+  out.planet = forecast_spot(sensor_, of_planet, planet.dn_s * exposure_s, noise_dn);
 
   double information = 0.0, shared = 0.0;
   for (std::size_t k = 0; k < count.size(); ++k) {
@@ -128,12 +130,12 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
     const int measured = std::min(count[k], settings_.most_stars - out.stars);
     out.stars += measured;
     const double alone2 = star.sigma_px * star.sigma_px + star.repeating_px * star.repeating_px;
-    // In the middle of the window, if its images are the first that show this star; most are single.
+    // In the middle of the window, if its images are the first that show this star. Doubles will hardly count.
     const double seen = 0.5 * settings_.images / alone2;
     const double itself2 = StarMemory::expected_px2(seen, 2.0 / seen);
-    const double weight = 1.0 / (alone2 + itself2);
-    information += measured * weight;
-    shared += measured * weight * weight * itself2;
+    const double weight = 1.0 / (alone2 + itself2), singles = (1.0 - StarMemory::kDoubleShare) * measured;
+    information += singles * weight;
+    shared += singles * weight * weight * itself2;
   }
   out.attitude_px = information > 0.0 ? 1.0 / std::sqrt(information) : 1e3;
   out.attitude_repeating_px = information > 0.0 ? std::sqrt(shared) / information : 0.0;
@@ -143,13 +145,13 @@ ExposureForecast ExposureControl::forecast(const Census& count, double planet_dn
   return out;
 }
 
-ExposureForecast ExposureControl::choose(const Vec3& direction_N, double planet_dn_s, const LocalPsf& psf) const {
-  const Census stars = stars_around(direction_N);
-  ExposureForecast best = forecast(stars, planet_dn_s, psf, settings_.longest_s);
+ExposureForecast ExposureControl::choose(const ExpectedPlanet& planet, const LocalPsf& psf) const {
+  const Census stars = stars_around(planet.direction_N);
+  ExposureForecast best = forecast(stars, planet, psf, settings_.longest_s);
   const auto serves = [&](const ExposureForecast& f) { return f.planet.measured && f.stars >= settings_.least_stars; };
   constexpr double kHalfStop = 0.70710678118654752;
   for (double t = settings_.longest_s * kHalfStop; t >= settings_.shortest_s; t *= kHalfStop) {
-    const ExposureForecast shorter = forecast(stars, planet_dn_s, psf, t);
+    const ExposureForecast shorter = forecast(stars, planet, psf, t);
     if (!serves(shorter)) continue;
     if (!serves(best) || shorter.window_px < best.window_px) best = shorter;
   }

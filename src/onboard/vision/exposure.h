@@ -49,22 +49,30 @@ struct ExposureForecast {
   double window_px = 0.0;  // of the planet among the stars, the mean of all images
 };
 
+// The planet that a window is for, as it is expected.
+struct ExpectedPlanet {
+  Vec3 direction_N = Vec3::Zero();
+  double dn_s = 0.0;
+  double radius_px = 0.0;  // of its disc
+};
+
 class ExposureControl {
  public:
   ExposureControl(const ExposureSettings& settings, const SensorModel& sensor, const Intrinsics& camera,
                   const StarField& field);
 
-  // Looking at a planet of so many DN/s in a direction (N), the optics as believed there.
-  ExposureForecast forecast(const Vec3& direction_N, double planet_dn_s, const LocalPsf& psf, double exposure_s) const;
+  // Looking at a planet, the optics as believed there.
+  ExposureForecast forecast(const ExpectedPlanet& planet, const LocalPsf& psf, double exposure_s) const;
   // The best of the ladder: the longest exposure, and each shorter one by half a stop. Where none shows enough stars:
   // the longest.
-  ExposureForecast choose(const Vec3& direction_N, double planet_dn_s, const LocalPsf& psf) const;
+  ExposureForecast choose(const ExpectedPlanet& planet, const LocalPsf& psf) const;
 
  private:
   static constexpr int kMagClasses = 24;  // of half a magnitude, from V -2
   using Census = std::array<int, kMagClasses>;
   Census stars_around(const Vec3& direction_N) const;
-  ExposureForecast forecast(const Census& stars, double planet_dn_s, const LocalPsf& psf, double exposure_s) const;
+  ExposureForecast forecast(const Census& stars, const ExpectedPlanet& planet, const LocalPsf& psf,
+                            double exposure_s) const;
 
   ExposureSettings settings_;
   SensorModel sensor_;

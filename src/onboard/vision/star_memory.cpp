@@ -11,13 +11,12 @@
 namespace astronav::vision {
 namespace {
 
-// A fifth of the stars have a companion, which pulls its spot by so much: together what AttitudeOptions expects of a
-// star of which nothing is known.
-constexpr double kDoubleShare = 0.2;
+// Companions pull the spots of their stars by so much: together what AttitudeOptions expects of a star of which nothing
+// is known.
 constexpr double kUnknown2 = AttitudeOptions{}.extra_sigma_px * AttitudeOptions{}.extra_sigma_px;
 // Pixels that differ, the lens, and the attitudes found so far leave this of the others, however long one looks.
 constexpr double kLeast2 = 0.001 * 0.001;
-constexpr double kPulled2 = (kUnknown2 - kLeast2) / kDoubleShare;
+constexpr double kPulled2 = (kUnknown2 - kLeast2) / StarMemory::kDoubleShare;
 
 }  // namespace
 

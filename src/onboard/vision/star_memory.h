@@ -24,6 +24,7 @@ class StarMemory {
   // The first (eq. 11c) of one that was off by the square of so much in the mean of images which together weigh so much
   // (1/px^2, an axis).
   static double expected_px2(double weight, double off2_px2);
+  static constexpr double kDoubleShare = 0.2;  // so many stars have a companion
   // After a fit in which it took part.
   void learn(std::uint32_t star, const StarSight& sight, const Mat3& R_CN, const Intrinsics& camera);
 

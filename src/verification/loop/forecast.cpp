@@ -42,11 +42,14 @@ Result<std::unique_ptr<Forecast>> Forecast::create(const scenario::Scenario& s, 
 Result<void> Forecast::prepare_window(BodyId beacon, Epoch epoch, const State& truth_O) {
   const auto planet = world_.planet(beacon, epoch, truth_O);
   if (!planet) return forward(planet);
-  const double dn_s = band_.flux(planet->v_mag, planet->b_v).electrons_per_s / believed_.detector.gain_e_dn;
-  window_ = choose_exposure_ ? control_->choose(planet->direction_N, dn_s, optics_)
-                             : control_->forecast(planet->direction_N, dn_s, optics_, believed_.exposure_s);
+  const double radius_px = planet->angular_radius_rad * believed_.intrinsics.fx_px;
+  const vision::ExpectedPlanet expected{
+      .direction_N = planet->direction_N,
+      .dn_s = band_.flux(planet->v_mag, planet->b_v).electrons_per_s / believed_.detector.gain_e_dn,
+      .radius_px = radius_px};
+  window_ = choose_exposure_ ? control_->choose(expected, optics_)
+                             : control_->forecast(expected, optics_, believed_.exposure_s);
   if (window_.planet.saturated) {
-    const double radius_px = planet->angular_radius_rad * believed_.intrinsics.fx_px;
     window_.planet.repeating_px = std::hypot(
         window_.planet.repeating_px, vision::skew_of_known_disc_px(radius_px, believed_.psf.sigma_px, law_of_light_));
   }
