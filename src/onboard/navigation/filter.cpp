@@ -113,6 +113,7 @@ Result<void> Filter::initialise(const InitialState& initial) {
   accepted_in_window_ = 0;
   rejections_ = {};
   noise_scales_ = {};
+  seen_ = {};
   return {};
 }
 
@@ -199,6 +200,21 @@ Filter::NoiseScale* Filter::scale_of(BodyId body) {
   return nullptr;
 }
 
+Filter::Seen* Filter::seen_of(BodyId body) {
+  for (Seen& seen : seen_)
+    if (seen.body == body) return &seen;
+  return nullptr;
+}
+
+// Eq. 3a.
+double Filter::excess_of_window(BodyId body, Epoch epoch) {
+  const Seen* seen = seen_of(body);
+  if (seen == nullptr || !(settings_.window_memory.seconds() > 0.0)) return 1.0;
+  const double alike = std::exp(-std::max((epoch - seen->last).seconds(), settings_.window_gap.seconds()) /
+                                settings_.window_memory.seconds());
+  return (1.0 + alike) / (1.0 - alike);
+}
+
 double Filter::noise_scale(BodyId body) const {
   if (!settings_.adaptive_noise) return 1.0;
   for (const NoiseScale& scale : noise_scales_)
@@ -213,9 +229,9 @@ void Filter::start_window(const BeaconMeasurement& measurement, const PixelPredi
   const Mat23 by_body = errors_of(beacon_of(measurement.body)).ephemeris_m * prediction.by_position;
   window_repeating_px2_ = squared(measurement.repeating_sigma_px);
   const double repeating2 = squared(settings_.bias.sigma) + window_repeating_px2_;
-  const Mat2 covariance =
-      repeating2 * Mat2::Identity() + by_body * by_body.transpose() +
-      prediction.by_attitude * measurement.attitude_repeating_rad2 * prediction.by_attitude.transpose();
+  const Mat2 covariance = window_excess_ * (repeating2 * Mat2::Identity() + by_body * by_body.transpose() +
+                                            prediction.by_attitude * measurement.attitude_repeating_rad2 *
+                                                prediction.by_attitude.transpose());
 
   forget(covariance_, index::bias);
   forget(covariance_, index::bias + 1);
@@ -332,12 +348,16 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   Result<Prediction> prediction = predict(x_, *beacon, measurement);
   if (!prediction) return rejected(UpdateReason::out_of_view);
   if (!same_window) {
+    window_excess_ = excess_of_window(measurement.body, epoch_);
     start_window(measurement, prediction->pixel);
     result.window_started = true;
     accepted_in_window_ = 0;
   }
   last_body_ = measurement.body;
   last_image_ = epoch_;
+  Seen* seen = seen_of(measurement.body);
+  if (seen == nullptr) seen = seen_of(BodyId{});
+  if (seen != nullptr) *seen = {measurement.body, epoch_};
 
   const double beyond_window2 = std::max(0.0, squared(measurement.repeating_sigma_px) - window_repeating_px2_);
   const Mat2 unscaled_noise = noise_covariance(measurement, prediction->pixel) + beyond_window2 * Mat2::Identity();

@@ -47,6 +47,9 @@ struct FilterSettings {
   // image has come for `window_gap`.
   GaussMarkov bias{.sigma = 0.004, .tau_s = 12.0 * 3600.0};
   Duration window_gap = Duration::seconds(900.0);
+  // For how long a window resembles the last one of the same beacon, which stands before the same stars (eq. 3a); 0:
+  // not at all.
+  Duration window_memory = Duration::seconds(0.0);
   double photocentre_tau_s = 1000.0 * 86400.0;
   double ephemeris_tau_s = 1000.0 * 86400.0;  // of the lasting error
 
@@ -151,6 +154,11 @@ class Filter {
     double sum2 = 0.0, noise = 0.0;  // traces, px2
   };
 
+  struct Seen {  // a beacon, and when last
+    BodyId body;
+    Epoch last;
+  };
+
   // A body as the ephemeris has it, and which of the states say how it is wrong (-1: none).
   struct Beacon {
     State state, sun;               // barycentric
@@ -199,6 +207,8 @@ class Filter {
   int beacon_of(BodyId body) const;          // index into the beacon errors, or -1
   BeaconErrors errors_of(int beacon) const;  // none where there is no such beacon
   NoiseScale* scale_of(BodyId body);
+  Seen* seen_of(BodyId body);
+  double excess_of_window(BodyId body, Epoch epoch);
 
   FilterSettings settings_;
   const Ephemeris* ephemeris_;
@@ -213,8 +223,10 @@ class Filter {
   std::optional<Coast> coast_;
   Rejections rejections_;
   int accepted_in_window_ = 0;
+  double window_excess_ = 1.0;         // eq. 3a, of this window
   double window_repeating_px2_ = 0.0;  // what the planet's spot was told to repeat when the window began, an axis
   std::array<NoiseScale, 8> noise_scales_{};
+  std::array<Seen, 8> seen_{};
 };
 
 }  // namespace astronav::navigation

@@ -368,6 +368,26 @@ TEST_F(FilterUpdate, WhatTheStarsBringAgainIsCarriedInTheBias) {
   }
 }
 
+// Windows of one beacon that follow each other closely are much alike: none of them alone is worth what the first was.
+TEST_F(FilterUpdate, AWindowThatResemblesTheLastIsWorthLess) {
+  settings.bias = {.sigma = 0.1, .tau_s = 12.0 * 3600.0};
+  settings.window_memory = Duration::days(3.0);
+  Filter filter = started(truth, 1e4, 0.01);
+  const auto bias_after = [&](BodyId body, double days) {
+    const Duration later = Duration::days(days);
+    const State there = fly(truth, epoch, later);
+    const UpdateResult r = filter.update(photograph(there, body, epoch + later, settings.camera, {}, nullptr));
+    EXPECT_TRUE(r.window_started);
+    // All of the innovation but the state's and the image's noise.
+    return r.innovation_covariance_px2(0, 0) - r.noise_covariance_px2(0, 0);
+  };
+  const double first = bias_after(body::mars, 0.001), other = bias_after(body::jupiter, 0.02);
+  const double again = bias_after(body::mars, 1.001), alike = std::exp(-1.0 / 3.0);
+  EXPECT_NEAR(first, 0.01, 2e-3);
+  EXPECT_NEAR(other, 0.01, 2e-3);
+  EXPECT_NEAR(again, 0.01 * (1.0 + alike) / (1.0 - alike), 5e-3);
+}
+
 // What one image of a window is told to repeat, and the first was not, is noise: no window begins anew.
 TEST_F(FilterUpdate, WhatOneImageRepeatsBeyondItsWindowIsNoise) {
   settings.bias = {.sigma = 0.01, .tau_s = 12.0 * 3600.0};

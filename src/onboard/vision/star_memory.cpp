@@ -42,7 +42,10 @@ double StarMemory::lasting_px2(std::uint32_t star, double weight) const {
   // As if they said the same as those before, give or take their noise.
   const double off2 = seen.east_px * seen.east_px + seen.north_px * seen.north_px;
   const double off2_then = (known * off2 + more * 2.0 / (known + more)) / (known + more);
-  return std::min(expected_px2(known, off2), expected_px2(known + more, off2_then));
+  const double now = expected_px2(known, off2), then = std::min(now, expected_px2(known + more, off2_then));
+  // A double that was never seen before displaces the attitude for most of its first window.
+  const double unseen = more / (known + more);
+  return then + unseen * unseen * (now - then);
 }
 
 void StarMemory::learn(std::uint32_t star, const StarSight& sight, const Mat3& R_CN, const Intrinsics& camera) {

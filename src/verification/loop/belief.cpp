@@ -69,6 +69,7 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
     settings.focal.sigma = belief.camera_focal_relative_sigma;
     settings.k1.sigma = belief.camera_k1_sigma;
     settings.focal.tau_s = settings.k1.tau_s = belief.camera_tau_days * 86400.0;
+    settings.window_memory = Duration::days(belief.window_memory_days);
     settings.bias = {.sigma = belief.window_bias_sigma_px, .tau_s = belief.window_bias_tau_hours * 3600.0};
     settings.adaptive_noise = belief.adaptive_r;
   }

@@ -126,6 +126,7 @@ const std::array kKeys{
     NUMBER(onboard.filter.camera_k1_sigma, "", 0.0, 1.0, "error of the radial distortion k1 that the filter allows for (first-order Gauss-Markov), 1 sigma"),
     NUMBER(onboard.filter.camera_tau_days, "d", 0.01, 10000.0, "correlation time of both"),
     NUMBER(onboard.filter.window_bias_sigma_px, "px", 0.0, 10.0, "what is constant while one beacon is tracked, per axis, 1 sigma; starts anew with each window"),
+    NUMBER(onboard.filter.window_memory_days, "d", 0.0, 10000.0, "for how long a window resembles the last one of the same beacon, before the same stars; 0: not at all"),
     NUMBER(onboard.filter.window_bias_tau_hours, "h", 0.01, 10000.0, "its correlation time within a window"),
     NUMBER(onboard.filter.ephemeris_sigma_km, "km", 0.0, 1e6, "error of a beacon's place that the filter allows for, 1 sigma per axis"),
     NUMBER(onboard.filter.gate_probability, "", 0.5, 1.0, "measurement editing: share of good measurements that pass; 1 for no editing"),
