@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kMaxStarsInCone = 8192;
 constexpr double kConeMarginRad = 0.01;  // aberration, motion, a rough attitude
-constexpr std::size_t kMaxLinks = 65536;
+constexpr std::size_t kMaxLinks = 32768;
 constexpr std::size_t kMaxCandidates = 256;  // of one triple of spots
 constexpr int kConfirmSpots = 120;
 constexpr double kMaxClaimedSigmaPx = 1.0;

@@ -5,7 +5,7 @@
 // looked up in the pair index; near-collinear ones are refused, handedness must agree, further spots must confirm. Each
 // hypothesis is judged by all catalogue stars in the field, as in RANSAC, and taken only if chance would do as well
 // with a probability below `max_chance` (docs/theory/vision.md eq. 9). The search begins with narrow tolerances and few
-// spots and ends with wide tolerances and many. With a prior attitude the judging comes at once.
+// spots; those that follow look at all triangles of a spot at once. With a prior attitude the judging comes at once.
 // Allocates in its constructor and never again; the work is bounded by `max_pairs` and `max_hypotheses`.
 #pragma once
 
@@ -28,8 +28,8 @@ struct IdentifySettings {
   int first_spots = 14;             // brightest, evenly spread: the corners of the first triangles
   int asterism_spots = 200;         // and of the last, less evenly: many may be no stars
   double pair_tolerance_px = 0.6;   // of the distance of two spots, beside what their covariances say: what distortion
-                                    // is left. The first search takes a sixth of it.
-  double scale_tolerance = 1.5e-3;  // how wrong the believed focal length may be; the first search takes an eighth of
+                                    // is left. Narrow searches take a sixth of it.
+  double scale_tolerance = 1.5e-3;  // how wrong the believed focal length may be; narrow searches take an eighth of
                                     // it (aberration alone is 1e-4)
   double focal_uncertainty = 0.0;   // relative; where it is more than that, a ladder of focal lengths is climbed, and
                                     // the focal length is solved for
@@ -143,7 +143,7 @@ class Identifier {
                      std::span<MatchedStar> matches);
   Side side(std::span<const Centroid> spots, int i, int j, const Search& how) const;
   double chance_triangles(std::size_t pairs, const Side& ab, const Side& bc, double sine_b) const;
-  // All triples of index stars that look like these spots, into candidates_; returns how many chance makes (eq. 9a).
+  // All triples of index stars that look like these spots, into candidates_; returns how many chance makes (eq. 8b).
   double triangles(std::span<const Centroid> spots, const int (&corner)[3], const Search& how);
   bool confirmed(const Mat3& R_CN, const int (&corner)[3], double radius_px) const;
 

@@ -26,7 +26,7 @@ constexpr double kDistortionGain = 30.0;
 constexpr int kFewMatches = 8;
 // Stars are gathered as far beyond the edge as a rough attitude may be off there, of the frame's width.
 constexpr double kEdgeOfFrame = 0.06;
-constexpr double kFullNet = 0.33;
+constexpr double kFullNet = 0.38;  // root mean square of what is left, an axis, over the radius
 // A lens that bends lines by 8 px at 700 px from the middle takes a part of that for another focal length.
 constexpr double kFocalStray = 0.012;
 constexpr std::size_t kFewSpots = 40;
@@ -377,8 +377,10 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   // Matches by chance fill their net (half its radius an axis), stars do not (a quarter): near the truth it may be
   // both.
   if (radius > settings_.match_px && fitted.residual_rms_px > kFullNet * radius) return false;
-  // The ladder stands a step from the truth: what ran farther away looks at the field as a part of another.
-  if (claim.free_focal && std::abs(fitted.camera.fx_px / camera_.fx_px - 1.0) > kFocalStray) return false;
+  // What ran beyond the ladder looks at the field as a part of another, or at another as a part of it.
+  if (claim.free_focal && std::abs(fitted.camera.fx_px / believed_.fx_px - 1.0) >
+                              std::max(settings_.focal_uncertainty, settings_.scale_tolerance) + kFocalStray)
+    return false;
   const double by_chance = chance(spots, claim, radius);
   if (!(by_chance < settings_.max_chance)) return false;
 
