@@ -158,7 +158,7 @@ class Identifier {
   double unexplained_sigma_px();
   Result<AttitudeFit> fit(const AttitudeFit& start, AttitudeOptions options);
   std::optional<AttitudeFit> fit_bent(const AttitudeFit& start, const AttitudeFit& straight, AttitudeOptions& options);
-  double chance(std::span<const Centroid> spots, const Claim& claim, double radius_px) const;
+  double chance(std::span<const Centroid> spots, const Claim& claim, double radius_px, int parameters) const;
   void attend(const Mat3& R_CN);
   bool judge(std::span<const Centroid> spots, const Observer& observer, const Claim& claim, Identification& out,
              std::span<MatchedStar> matches);

@@ -277,7 +277,7 @@ std::optional<AttitudeFit> Identifier::fit_bent(const AttitudeFit& start, const 
 
 // Eq. 9. The first spots are the surest, and the nearest matches: several lengths of the list and several radii are
 // tried, and paid for.
-double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, double radius_px) const {
+double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, double radius_px, int parameters) const {
   int visible = 0, used = 0;
   for (const Star& star : stars_) visible += star.visible;
   for (const StarSight& sight : sights_) used += sight.used;
@@ -285,7 +285,7 @@ double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, d
       attention_ != nullptr ? attention_->area_px() : static_cast<double>(camera_.width_px) * camera_.height_px;
   // What was fitted to all matches, and not to the three alone, brings them nearer to their stars: of what they may be
   // off by, each parameter leaves the share that the three have in telling it.
-  const double spent = std::pow(std::max(1.0, used / 3.0), claim.free_focal ? 4.0 : 3.0);
+  const double spent = std::pow(std::max(1.0, used / 3.0), parameters);
   const int all = static_cast<int>(spots.size());
   const int lengths[] = {15, 30, 60};
   constexpr int kNets = 5;  // each half as wide as the one before
@@ -320,6 +320,7 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   fitted.camera = camera_;
   const std::size_t distortion_from = static_cast<std::size_t>(settings_.distortion_from_stars);
   double radius = claim.radius_px, unexplained = 0.0, told = 0.0;
+  int parameters = 3;
   for (int pass = 0;; ++pass) {
     const double last_radius = std::max(settings_.match_px, kNetSigma * std::hypot(told, unexplained));
     const bool final_pass = pass > 0 && radius <= last_radius;
@@ -360,6 +361,7 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
     told = std::sqrt(told / static_cast<double>(std::max<std::size_t>(1, sights_.size())));
     unexplained = unexplained_sigma_px();
     if (final_pass) {
+      parameters += options.freedom.count();
       if (unexplained > 0.0) {
         options.extra_sigma_px =
             std::max(options.extra_sigma_px, std::hypot(settings_.attitude.extra_sigma_px, unexplained));
@@ -381,7 +383,7 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
   if (claim.free_focal && std::abs(fitted.camera.fx_px / believed_.fx_px - 1.0) >
                               std::max(settings_.focal_uncertainty, settings_.scale_tolerance) + kFocalStray)
     return false;
-  const double by_chance = chance(spots, claim, radius);
+  const double by_chance = chance(spots, claim, radius, parameters);
   if (!(by_chance < settings_.max_chance)) return false;
 
   mark_stars(spots, radius);
