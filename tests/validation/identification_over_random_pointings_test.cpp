@@ -30,10 +30,13 @@ struct Lens {
         onboard(catalogue(), camera.intrinsics, onboard_limit, cruising().epoch) {}
 
   Tally look(int pointings, const SpotDefects& defects, const IdentifySettings& settings = {}, double focal_error = 0.0,
-             double k1 = 0.0) const {
+             double k1 = 0.0, double believed_focal = 1.0) const {
     RandomStream random(StreamId{.seed = 14, .purpose = "pointings"});
     const SpotSky sky(catalogue(), cruising());
-    vision::Identifier identifier(onboard.field, onboard.index, camera.intrinsics, settings, SpotSky::kMaxSpots + 64);
+    Intrinsics believed = camera.intrinsics;
+    believed.fx_px *= believed_focal;
+    believed.fy_px *= believed_focal;
+    vision::Identifier identifier(onboard.field, onboard.index, believed, settings, SpotSky::kMaxSpots + 64);
     std::vector<vision::MatchedStar> matches(SpotSky::kMaxSpots + 64);
     SpotCamera truth = camera;
     truth.intrinsics.distortion.k1 = k1;
@@ -90,6 +93,69 @@ TEST(IdentificationOverRandomPointings, BadFields) {
     // False alarm 1 in 1000: noise that nobody told is found out, and the covariance says so.
     EXPECT_LT(t.nees / t.right, chi_square_mean_band(0.998, 3.0, t.right).hi);
   }
+}
+
+// Stars of the index are few in a narrow field, and false spots stand before them.
+TEST(IdentificationOverRandomPointings, BadFieldsOfLongLenses) {
+  const Lens narrow(4.0, 9.0, 9.0), tele(10.0, 8.5, 8.5);
+  const SpotDefects untold{.false_spots = 5, .noise_px = 0.5, .noise_told = false};
+  const SpotDefects bright{.false_share = 0.5, .false_bright = true};
+  for (const Lens* lens : {&narrow, &tele}) {
+    for (const SpotDefects& defects : {untold, bright, SpotDefects{.false_spots = 5, .missing_share = 1.0 / 3.0}}) {
+      const Tally t = lens->look(100, defects);
+      EXPECT_GE(t.right, 99) << lens->camera.intrinsics.fx_px;
+      EXPECT_EQ(t.wrong, 0);
+      // False alarm 1 in 1000.
+      EXPECT_LT(t.nees / t.right, chi_square_mean_band(0.998, 3.0, t.right).hi);
+    }
+    IdentifySettings settings;
+    settings.focal_uncertainty = 0.05;
+    const Tally t = lens->look(100, {.false_spots = 5}, settings, 0.05);
+    EXPECT_GE(t.right, 99) << lens->camera.intrinsics.fx_px;
+    EXPECT_EQ(t.wrong, 0);
+  }
+}
+
+// A focal length far beyond what is believed shows the field as a part of another, or another as a part of it. An
+// answer would have to be right.
+TEST(IdentificationOverRandomPointings, AFieldIsNotTakenForItsPart) {
+  const Lens narrow(4.0, 9.0, 9.0);
+  IdentifySettings settings;
+  settings.focal_uncertainty = 0.02;
+  for (const double scale : {0.7, 0.93, 1.07, 1.5}) {
+    for (const SpotDefects& defects : {SpotDefects{}, SpotDefects{.brightest = 8}}) {
+      const Tally t = narrow.look(8, defects, settings, 0.0, 0.0, scale);
+      EXPECT_EQ(t.wrong, 0) << scale;
+      EXPECT_EQ(t.right, 0) << scale;
+    }
+  }
+}
+
+// A hypothesis 50 px from the truth, where some stars of the middle still meet: what is left of them fills their nets,
+// as chance does. It was taken for the truth once, 7 px and twelve sigmas off.
+TEST(IdentificationOverRandomPointings, AHypothesisNearTheTruthIsNotTakenForIt) {
+  IdentifySettings settings;
+  settings.focal_uncertainty = 0.005;
+  settings.distortion_from_stars = 20;
+  settings.max_pairs = 170000000;  // that the first search comes to it
+  SpotCamera truth = middle().camera;
+  const double corner = std::tan(10.0 * kDegree) * std::sqrt(2.0);
+  truth.intrinsics.distortion.k1 = -8.0 / (truth.intrinsics.fx_px * corner * corner * corner);
+  RandomStream random(StreamId{.seed = 4, .purpose = "20deg distorted"});
+  const SpotSky sky(catalogue(), cruising());
+  SpotField field;
+  for (int k = 0; k <= 301; ++k) {
+    truth.intrinsics.fx_px = truth.intrinsics.fy_px =
+        middle().camera.intrinsics.fx_px * (1.0 + 0.005 * random.uniform(-1.0, 1.0));
+    field = sky.draw(truth, {.false_spots = 5}, random);
+  }
+  vision::Identifier identifier(middle().onboard.field, middle().onboard.index, middle().camera.intrinsics, settings,
+                                SpotSky::kMaxSpots + 64);
+  std::vector<vision::MatchedStar> matches(SpotSky::kMaxSpots + 64);
+  const auto found = identifier.lost_in_space(field.spots, cruising(), matches);
+  ASSERT_TRUE(found);
+  EXPECT_GT(found->matched, 150u);
+  EXPECT_LT(truth.intrinsics.fx_px * rotation_log(field.R_CN * found->attitude.R_CN.transpose()).head<2>().norm(), 0.5);
 }
 
 TEST(IdentificationOverRandomPointings, FewStars) {

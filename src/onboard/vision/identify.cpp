@@ -7,7 +7,6 @@
 #include "foundation/base/check.h"
 #include "models/aberration/aberration.h"
 #include "onboard/vision/spot_tiles.h"
-
 namespace astronav::vision {
 namespace {
 
@@ -17,6 +16,24 @@ constexpr std::size_t kMaxLinks = 32768;
 constexpr std::size_t kMaxCandidates = 256;  // of one triple of spots
 constexpr int kConfirmSpots = 120;
 constexpr double kMaxClaimedSigmaPx = 1.0;
+constexpr std::size_t kMaxRays = 48;       // of a star of spots
+constexpr std::int64_t kWorkOfATry = 200;  // confirming an attitude, in entries of the index
+constexpr double kSpotsWithinReach = 32.0, kSpotsWithinReachOfRung = 16.0;
+
+// Far enough that so many spots are within; or that stars of the index must be, of which few lie in one place.
+enum class Reach : unsigned char { any, near, far };
+
+struct Stage {
+  Reach reach;
+  bool wide;
+  int neighbours;  // of a spot, in neighbours of the index
+  double least_sine;
+  double share, ladder_share;  // of the work
+};
+constexpr Stage kStages[] = {{Reach::any, false, 1, 0.3, 0.02, 0.005},
+                             {Reach::near, false, 8, 0.1, 0.33, 0.50},
+                             {Reach::near, true, 8, 0.1, 0.33, 0.18},
+                             {Reach::far, false, 8, 0.1, 0.33, 0.15}};
 
 // Sine of the largest angle's corner, or 0 where all three lie in a line: how well two sides fix the third star.
 double widest_sine(const Vec3& a, const Vec3& b, const Vec3& c) {
@@ -62,6 +79,8 @@ Identifier::Identifier(const StarField& field, const PairIndex& index, const Int
   stamp_.assign(index.star_count(), 0);
   links_.reserve(kMaxLinks);
   candidates_.reserve(kMaxCandidates);
+  rays_.reserve(kMaxRays);
+  corners_.reserve(kMaxRays);
 }
 
 // What is no point, or cannot be seen through this lens, is put behind the camera, where no star is looked for.
@@ -105,17 +124,28 @@ double Identifier::typical_sigma_px(std::span<const Centroid> spots) const {
                            : std::min(kMaxClaimedSigmaPx, std::sqrt(sum2 / static_cast<double>(asterism_.size())));
 }
 
-double Identifier::triangles(const Vec3& a, const Vec3& b, const Vec3& c, const Search& how) {
+// Eq. 8a.
+Identifier::Side Identifier::side(std::span<const Centroid> spots, int i, int j, const Search& how) const {
+  const Vec3 &p = spot_C_[i], &q = spot_C_[j];
+  const double angle = std::atan2(p.cross(q).norm(), p.dot(q));
+  const double sigma_px = std::sqrt(0.5 * (spots[i].covariance_px2.trace() + spots[j].covariance_px2.trace()));
+  const double noise_px = 3.0 * std::min(std::sqrt(2.0) * kMaxClaimedSigmaPx, sigma_px);
+  const double tolerance = (how.pair_px + noise_px) * pixel_rad_ + how.scale * angle;
+  return {angle, tolerance, std::cos(angle + tolerance), std::cos(std::max(angle - tolerance, 0.0))};
+}
+
+// Eq. 8b. Every pair that fits one side, both ways round, and for each the stars of the list that lie where the third
+// corner b would be: within a parallelogram between the rings of ab and bc.
+double Identifier::chance_triangles(std::size_t pairs, const Side& ab, const Side& bc, double sine_b) const {
+  return 2.0 * static_cast<double>(pairs) * static_cast<double>(index_.star_count()) * 4.0 * ab.tolerance *
+         bc.tolerance / (4.0 * kPi * std::max(sine_b, 0.05));
+}
+
+double Identifier::triangles(std::span<const Centroid> spots, const int (&corner)[3], const Search& how) {
   candidates_.clear();
-  struct Side {
-    double angle, tolerance, cos_min, cos_max;
-  };
-  const auto side = [&](const Vec3& p, const Vec3& q) {
-    const double angle = std::atan2(p.cross(q).norm(), p.dot(q));
-    const double tolerance = how.pair_px * pixel_rad_ + how.scale * angle;
-    return Side{angle, tolerance, std::cos(angle + tolerance), std::cos(std::max(angle - tolerance, 0.0))};
-  };
-  const Side ab = side(a, b), ac = side(a, c), bc = side(b, c);
+  const Vec3 &a = spot_C_[corner[0]], &b = spot_C_[corner[1]], &c = spot_C_[corner[2]];
+  const Side ab = side(spots, corner[0], corner[1], how), ac = side(spots, corner[0], corner[2], how),
+             bc = side(spots, corner[1], corner[2], how);
   if (std::max({ab.angle, ac.angle, bc.angle}) > index_.max_angle_rad()) return 0.0;
   if (widest_sine(a, b, c) < how.least_sine) return 0.0;
   const bool right_handed = handedness(a, b, c) > 0.0;
@@ -130,7 +160,7 @@ double Identifier::triangles(const Vec3& a, const Vec3& b, const Vec3& c, const 
       stamp_[from] = now_;
       head_[from] = -1;
     }
-    links_.push_back({to, head_[from]});
+    links_.push_back({to, 0, head_[from]});
     head_[from] = static_cast<std::int32_t>(links_.size()) - 1;
   };
   for (const PairIndex::Pair& pair : pairs_ac) {
@@ -157,11 +187,7 @@ double Identifier::triangles(const Vec3& a, const Vec3& b, const Vec3& c, const 
     walk(pair.a, pair.b);
     walk(pair.b, pair.a);
   }
-  // Every pair that fits ac, both ways round, and for each the stars of the list that lie where b would be: within a
-  // parallelogram between the rings of ab and bc.
-  const double sine_b = std::max((a - b).normalized().cross((c - b).normalized()).norm(), 0.05);
-  return 2.0 * static_cast<double>(pairs_ac.size()) * static_cast<double>(index_.star_count()) * 4.0 * ab.tolerance *
-         bc.tolerance / (4.0 * kPi * sine_b);
+  return chance_triangles(pairs_ac.size(), ab, bc, (a - b).normalized().cross((c - b).normalized()).norm());
 }
 
 // Do further bright spots fall on stars? Aberration is the same for near-by stars and already in the attitude.
@@ -179,6 +205,23 @@ bool Identifier::confirmed(const Mat3& R_CN, const int (&corner)[3], double radi
   return hits >= needed;
 }
 
+bool Identifier::try_candidate(std::span<const Centroid> spots, const Observer& observer, const Search& how,
+                               const Candidate& candidate, const int (&corner)[3], Identification& out,
+                               std::span<MatchedStar> matches) {
+  const Vec3 seen[3] = {spot_C_[corner[0]], spot_C_[corner[1]], spot_C_[corner[2]]};
+  // Confirmed at rest, judged as seen from the moving observer.
+  Vec3 known[3] = {index_.direction(candidate.a), index_.direction(candidate.b), index_.direction(candidate.c)};
+  const Result<Mat3> at_rest = attitude_from_directions(seen, known);
+  if (!at_rest || !confirmed(*at_rest, corner, how.first_match_px)) return false;
+  if (++out.hypotheses > settings_.max_hypotheses) return false;
+  for (Vec3& direction : known) direction = aberrate(direction.normalized(), observer.v_O_N);
+  const Result<Mat3> first = attitude_from_directions(seen, known);
+  if (!first) return false;
+  const Claim claim{*first,    how.first_match_px,    3,
+                    expected_, settings_.min_matched, settings_.focal_uncertainty > settings_.scale_tolerance};
+  return judge(spots, observer, claim, out, matches);
+}
+
 bool Identifier::search(std::span<const Centroid> spots, const Observer& observer, const Search& how,
                         Identification& out, std::span<MatchedStar> matches) {
   const int corners = static_cast<int>(asterism_.size());
@@ -188,23 +231,82 @@ bool Identifier::search(std::span<const Centroid> spots, const Observer& observe
       for (int i = 0; i < corners - dj - dk; ++i) {
         if (looked_at_ > last) return false;
         const int corner[3] = {asterism_[i], asterism_[i + dj], asterism_[i + dj + dk]};
-        const Vec3 seen[3] = {spot_C_[corner[0]], spot_C_[corner[1]], spot_C_[corner[2]]};
         ++out.triples;
-        expected_ += triangles(seen[0], seen[1], seen[2], how);
+        expected_ += triangles(spots, corner, how);
         for (const Candidate& candidate : candidates_) {
-          // Confirmed at rest, judged as seen from the moving observer.
-          Vec3 known[3] = {index_.direction(candidate.a), index_.direction(candidate.b), index_.direction(candidate.c)};
-          const Result<Mat3> at_rest = attitude_from_directions(seen, known);
-          if (!at_rest || !confirmed(*at_rest, corner, how.first_match_px)) continue;
-          if (++out.hypotheses > settings_.max_hypotheses) return false;
-          for (Vec3& direction : known) direction = aberrate(direction.normalized(), observer.v_O_N);
-          const Result<Mat3> first = attitude_from_directions(seen, known);
-          if (!first) continue;
-          const Claim claim{*first,    how.first_match_px,    3,
-                            expected_, settings_.min_matched, settings_.focal_uncertainty > settings_.scale_tolerance};
-          if (judge(spots, observer, claim, out, matches)) return true;
+          if (try_candidate(spots, observer, how, candidate, corner, out, matches)) return true;
+          if (out.hypotheses > settings_.max_hypotheses) return false;
         }
       }
+    }
+  }
+  return false;
+}
+
+// The pairs that fit a ray are linked up by the star that would be the middle; where a star has links of two rays, and
+// the third side fits, there is a triangle. n rays cost n looks into the index, and the n (n - 1) / 2 triples nothing;
+// short sides have fewer pairs than long ones. Every triple is looked at once, from its brightest spot, and counted as
+// it would be alone.
+bool Identifier::search_near(std::span<const Centroid> spots, const Observer& observer, const Search& how,
+                             Identification& out, std::span<MatchedStar> matches) {
+  const std::int64_t last = looked_at_ + how.pairs;
+  for (std::size_t m = 0; m + 2 < asterism_.size(); ++m) {
+    const int middle = asterism_[m];
+    const Vec3& a = spot_C_[middle];
+    rays_.clear();
+    links_.clear();
+    ++now_;
+    for (std::size_t n = m + 1; n < asterism_.size() && rays_.size() < kMaxRays; ++n) {
+      const int spot = asterism_[n];
+      const Vec3& c = spot_C_[spot];
+      if (a.dot(c) < how.reach) continue;
+      if (looked_at_ > last) return false;
+      Ray ray{spot, side(spots, middle, spot, how), {}};
+      if (ray.side.angle > index_.max_angle_rad()) continue;
+      ray.pairs = index_.pairs(ray.side.cos_min, ray.side.cos_max);
+      if (links_.size() + 2 * ray.pairs.size() > kMaxLinks) continue;
+      looked_at_ += static_cast<std::int64_t>(ray.pairs.size());
+      corners_.clear();
+      for (const Ray& other : rays_) {
+        const Vec3& b = spot_C_[other.spot];
+        Corner corner{side(spots, other.spot, spot, how), handedness(a, b, c) > 0.0, false};
+        corner.wanted = corner.side.angle <= index_.max_angle_rad() && widest_sine(a, b, c) >= how.least_sine;
+        corners_.push_back(corner);
+        if (!corner.wanted) continue;
+        ++out.triples;
+        expected_ += chance_triangles(ray.pairs.size(), other.side, corner.side,
+                                      (a - b).normalized().cross((c - b).normalized()).norm());
+      }
+      const auto ray_number = static_cast<std::uint16_t>(rays_.size());
+      const auto link = [&](std::uint16_t from, std::uint16_t to) {
+        if (stamp_[from] != now_) {
+          stamp_[from] = now_;
+          head_[from] = -1;
+        }
+        for (std::int32_t i = head_[from]; i >= 0; i = links_[i].next) {
+          ++looked_at_;
+          if (links_[i].ray == ray_number) continue;
+          const Corner& corner = corners_[links_[i].ray];
+          if (!corner.wanted) continue;
+          const Vec3 db = index_.direction(links_[i].partner), dc = index_.direction(to);
+          if (!corner.side.holds(db.dot(dc))) continue;
+          const Vec3 da = index_.direction(from);
+          if (!rays_[links_[i].ray].side.holds(da.dot(db)) || !ray.side.holds(da.dot(dc))) continue;
+          if ((handedness(da, db, dc) > 0.0) != corner.right_handed) continue;
+          looked_at_ += kWorkOfATry;
+          const int at[3] = {middle, rays_[links_[i].ray].spot, spot};
+          if (try_candidate(spots, observer, how, {from, links_[i].partner, to}, at, out, matches)) return true;
+          if (out.hypotheses > settings_.max_hypotheses) return false;
+        }
+        links_.push_back({to, ray_number, head_[from]});
+        head_[from] = static_cast<std::int32_t>(links_.size()) - 1;
+        return false;
+      };
+      for (const PairIndex::Pair& pair : ray.pairs) {
+        if (link(pair.a, pair.b) || link(pair.b, pair.a)) return true;
+        if (out.hypotheses > settings_.max_hypotheses) return false;
+      }
+      rays_.push_back(ray);
     }
   }
   return false;
@@ -228,8 +330,8 @@ Result<Identification> Identifier::lost_in_space(std::span<const Centroid> spots
   const bool ladder = settings_.focal_uncertainty > settings_.scale_tolerance;
   const int rungs =
       ladder ? 1 + 2 * static_cast<int>(std::ceil(settings_.focal_uncertainty / (2.0 * settings_.scale_tolerance))) : 1;
-  const double share[] = {ladder ? 0.005 : 0.02, 0.5, 0.5};  // of the work
-  for (int stage = 0; stage < 3; ++stage) {
+  for (const Stage& stage : kStages) {
+    const double work = (ladder ? stage.ladder_share : stage.share) * static_cast<double>(settings_.max_pairs);
     for (int rung = 0; rung < rungs; ++rung) {
       const double off = (rung % 2 == 0 ? 1.0 : -1.0) * ((rung + 1) / 2) * 2.0 * settings_.scale_tolerance;
       camera_ = believed_;
@@ -241,20 +343,26 @@ Result<Identification> Identifier::lost_in_space(std::span<const Centroid> spots
         mirrored_ = mirrored;
         const std::span<const Centroid> shown = mirrored ? std::span<const Centroid>(turned_) : spots;
         load_spots(shown);
-        const bool narrow = stage < 2;
-        if (stage == 0)
-          choose_asterism_spots(shown, static_cast<std::size_t>(settings_.first_spots), index_.neighbours());
-        if (stage > 0)
-          choose_asterism_spots(shown, static_cast<std::size_t>(settings_.asterism_spots), 3 * index_.neighbours());
+        choose_asterism_spots(
+            shown,
+            static_cast<std::size_t>(stage.reach == Reach::any ? settings_.first_spots : settings_.asterism_spots),
+            stage.neighbours * index_.neighbours());
         const double noise = 3.0 * std::sqrt(2.0) * typical_sigma_px(shown);
         Search how;
-        how.pair_px = noise + settings_.pair_tolerance_px * (narrow ? 0.17 : 2.0);
-        how.scale = settings_.scale_tolerance * (narrow && !ladder ? 0.12 : 1.0);
+        how.pair_px = settings_.pair_tolerance_px * (stage.wide ? 2.0 : 0.17);
+        how.scale = settings_.scale_tolerance * (stage.wide || ladder ? 1.0 : 0.12);
         how.first_match_px = settings_.first_match_px + noise;
-        how.least_sine = stage == 0 ? 0.3 : 0.1;
-        how.pairs = static_cast<std::int64_t>(share[stage] * static_cast<double>(settings_.max_pairs)) /
-                    (stage > 0 ? rungs : 1);
-        if (search(shown, observer, how, out, matches)) {
+        how.least_sine = stage.least_sine;
+        how.pairs = static_cast<std::int64_t>(stage.reach == Reach::any ? work : work / rungs);
+        if (stage.reach != Reach::any) {
+          const double share =
+              (ladder ? kSpotsWithinReachOfRung : kSpotsWithinReach) / static_cast<double>(asterism_.size() + 1);
+          const double field = camera_.field_of_view_horizontal_rad() * camera_.field_of_view_vertical_rad();
+          const double near = std::sqrt(share * field / kPi), far = std::max(2.0 * index_.radius_rad(), 1.5 * near);
+          how.reach = std::cos(std::min(index_.max_angle_rad(), stage.reach == Reach::far ? far : near));
+        }
+        if (stage.reach == Reach::any ? search(shown, observer, how, out, matches)
+                                      : search_near(shown, observer, how, out, matches)) {
           out.attitude.mirrored = mirrored;
           return out;
         }
@@ -295,7 +403,7 @@ Result<Identification> Identifier::follow(std::span<const Centroid> spots, const
 
 void Identifier::gather(const Observer& observer, const Mat3& prior_R_CN, std::size_t most) {
   // More than half of the cone about the frame is the frame.
-  gather_stars(prior_R_CN, observer, 2 * most);
+  gather_stars(prior_R_CN, observer, 2 * most, cone_radius_rad_ * believed_.fx_px);
 }
 
 std::size_t Identifier::place(const Mat3& R_CN, std::span<Pixel> out) const {

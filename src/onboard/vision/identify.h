@@ -5,7 +5,7 @@
 // looked up in the pair index; near-collinear ones are refused, handedness must agree, further spots must confirm. Each
 // hypothesis is judged by all catalogue stars in the field, as in RANSAC, and taken only if chance would do as well
 // with a probability below `max_chance` (docs/theory/vision.md eq. 9). The search begins with narrow tolerances and few
-// spots and ends with wide tolerances and many. With a prior attitude the judging comes at once.
+// spots; those that follow look at all triangles of a spot at once. With a prior attitude the judging comes at once.
 // Allocates in its constructor and never again; the work is bounded by `max_pairs` and `max_hypotheses`.
 #pragma once
 
@@ -26,10 +26,10 @@ enum class Parity : unsigned char { as_seen, mirrored, unknown };
 
 struct IdentifySettings {
   int first_spots = 14;             // brightest, evenly spread: the corners of the first triangles
-  int asterism_spots = 80;          // and of the last, less evenly: many may be no stars
+  int asterism_spots = 200;         // and of the last, less evenly: many may be no stars
   double pair_tolerance_px = 0.6;   // of the distance of two spots, beside what their covariances say: what distortion
-                                    // is left. The first search takes a sixth of it.
-  double scale_tolerance = 1.5e-3;  // how wrong the believed focal length may be; the first search takes an eighth of
+                                    // is left. Narrow searches take a sixth of it.
+  double scale_tolerance = 1.5e-3;  // how wrong the believed focal length may be; narrow searches take an eighth of
                                     // it (aberration alone is 1e-4)
   double focal_uncertainty = 0.0;   // relative; where it is more than that, a ladder of focal lengths is climbed, and
                                     // the focal length is solved for
@@ -107,8 +107,13 @@ class Identifier {
     double scale = 0.0;
     double first_match_px = 0.0;
     double least_sine = 0.3;
-    std::size_t corners = 0;
+    double reach = 0.0;  // of a star of spots: cosine of the longest ray
     std::int64_t pairs = 0;
+  };
+  // A distance between two spots, and what it may be in the catalogue.
+  struct Side {
+    double angle = 0.0, tolerance = 0.0, cos_min = 0.0, cos_max = 0.0;
+    bool holds(double cosine) const { return cosine >= cos_min && cosine <= cos_max; }
   };
   // What may be told of a hypothesis before it is judged.
   struct Claim {
@@ -127,14 +132,23 @@ class Identifier {
   Result<Identification> follow(std::span<const Centroid> spots, const Observer& observer, const Claim& claim,
                                 std::span<MatchedStar> matches);
   double typical_sigma_px(std::span<const Centroid> spots) const;
+  // Triple after triple, far apart as they come.
   bool search(std::span<const Centroid> spots, const Observer& observer, const Search& how, Identification& out,
               std::span<MatchedStar> matches);
-  // All triples of index stars that look like (a, b, c), into candidates_; returns how many chance makes (eq. 9a).
-  double triangles(const Vec3& a, const Vec3& b, const Vec3& c, const Search& how);
+  // Star-shaped: all triples of one spot and two fainter ones near it at the cost of its rays.
+  bool search_near(std::span<const Centroid> spots, const Observer& observer, const Search& how, Identification& out,
+                   std::span<MatchedStar> matches);
+  bool try_candidate(std::span<const Centroid> spots, const Observer& observer, const Search& how,
+                     const Candidate& candidate, const int (&corner)[3], Identification& out,
+                     std::span<MatchedStar> matches);
+  Side side(std::span<const Centroid> spots, int i, int j, const Search& how) const;
+  double chance_triangles(std::size_t pairs, const Side& ab, const Side& bc, double sine_b) const;
+  // All triples of index stars that look like these spots, into candidates_; returns how many chance makes (eq. 8b).
+  double triangles(std::span<const Centroid> spots, const int (&corner)[3], const Search& how);
   bool confirmed(const Mat3& R_CN, const int (&corner)[3], double radius_px) const;
 
   // identify_judge.cpp: from a hypothesis to an attitude, or to nothing.
-  void gather_stars(const Mat3& R_CN, const Observer& observer, std::size_t spots);
+  void gather_stars(const Mat3& R_CN, const Observer& observer, std::size_t spots, double margin_px);
   int match(std::span<const Centroid> spots, const Mat3& R_CN, const Intrinsics& camera, double radius_px,
             std::size_t enough);
   void drop_mixed(std::span<const Centroid> spots);
@@ -144,7 +158,7 @@ class Identifier {
   double unexplained_sigma_px();
   Result<AttitudeFit> fit(const AttitudeFit& start, AttitudeOptions options);
   std::optional<AttitudeFit> fit_bent(const AttitudeFit& start, const AttitudeFit& straight, AttitudeOptions& options);
-  double chance(std::span<const Centroid> spots, const Claim& claim, double radius_px) const;
+  double chance(std::span<const Centroid> spots, const Claim& claim, double radius_px, int parameters) const;
   void attend(const Mat3& R_CN);
   bool judge(std::span<const Centroid> spots, const Observer& observer, const Claim& claim, Identification& out,
              std::span<MatchedStar> matches);
@@ -184,10 +198,23 @@ class Identifier {
   std::uint32_t now_ = 0;
   struct Link {
     std::uint16_t partner;
+    std::uint16_t ray;  // of a star of spots
     std::int32_t next;
+  };
+  struct Ray {
+    int spot = 0;
+    Side side;
+    std::span<const PairIndex::Pair> pairs;
+  };
+  struct Corner {  // between two rays
+    Side side;
+    bool right_handed = false;
+    bool wanted = false;
   };
   std::vector<Link> links_;
   std::vector<Candidate> candidates_;
+  std::vector<Ray> rays_;
+  std::vector<Corner> corners_;  // of the newest ray with those before it
 };
 
 }  // namespace astronav::vision

@@ -22,6 +22,14 @@ constexpr double kMedianOfChi2 = 1.386;
 // By how much chi-square must fall before a lens is believed to bend lines (two parameters bring 2 by chance, and 30
 // once in three million).
 constexpr double kDistortionGain = 30.0;
+// Up to so many matches their probability is summed, and not bounded alone.
+constexpr int kFewMatches = 8;
+// Stars are gathered as far beyond the edge as a rough attitude may be off there, of the frame's width.
+constexpr double kEdgeOfFrame = 0.06;
+constexpr double kFullNet = 0.38;  // root mean square of what is left, an axis, over the radius
+// A lens that bends lines by 8 px at 700 px from the middle takes a part of that for another focal length.
+constexpr double kFocalStray = 0.012;
+constexpr std::size_t kFewSpots = 40;
 
 }  // namespace
 
@@ -32,14 +40,23 @@ double chance_of_matches(int spots, int matched, double p) {
   const double x = static_cast<double>(matched) / spots;
   if (x <= p) return 1.0;
   const double divergence = x * std::log(x / p) + (x < 1.0 ? (1.0 - x) * std::log((1.0 - x) / (1.0 - p)) : 0.0);
-  return std::exp(-spots * divergence);
+  const double chernoff = std::exp(-spots * divergence);
+  if (matched > kFewMatches) return chernoff;
+  // Of few the first term, and what a geometric series brings for the others, is the smaller bound.
+  double term = std::pow(1.0 - p, spots - matched);
+  for (int i = 0; i < matched; ++i) term *= p * (spots - i) / (i + 1.0);
+  const double ratio = (spots - matched) * p / ((matched + 1.0) * (1.0 - p));
+  return ratio < 1.0 ? std::min(chernoff, term / (1.0 - ratio)) : chernoff;
 }
 
-// The brightest stars of the field: some more than there are spots.
-void Identifier::gather_stars(const Mat3& R_CN, const Observer& observer, std::size_t spots) {
+// The brightest stars of the field: some more than there are spots. Where spots are few, a cluster beside the frame
+// would take their stars' places, so the frame's are picked.
+void Identifier::gather_stars(const Mat3& R_CN, const Observer& observer, std::size_t spots, double margin_px) {
   const Vec3 boresight = R_CN.row(2).transpose();
   const std::size_t found = field_.cone(boresight, cone_radius_rad_, cone_);
-  const std::size_t wanted = std::min({found, kMaxStarsJudged, spots + spots / 2 + 30, 3 * spots + 10});
+  const bool few = spots < kFewSpots;
+  const std::size_t wanted = std::min({found, kMaxStarsJudged, spots + spots / 2 + (few ? 60 : 30)});
+  const std::size_t wanted_in_frame = few ? std::min(9 * spots / 10 + 15, 2 * spots + 6) : wanted;
   const std::span<const FieldStar> all = field_.stars();
   by_brightness_.clear();
   for (std::size_t i = 0; i < found; ++i) by_brightness_.push_back({all[cone_[i]].v_mag, cone_[i]});
@@ -49,8 +66,18 @@ void Identifier::gather_stars(const Mat3& R_CN, const Observer& observer, std::s
   std::sort(by_brightness_.begin(), end, brighter);
   stars_.clear();
   const ApparentPlaces places(field_, observer);
-  for (auto star = by_brightness_.begin(); star != end; ++star)
-    stars_.push_back({.direction_N = places.of(all[star->star]), .field = star->star, .pixel = {}});
+  std::size_t in_frame = 0;
+  for (auto star = by_brightness_.begin(); star != end && in_frame < wanted_in_frame; ++star) {
+    const Vec3 direction_N = places.of(all[star->star]);
+    if (few) {
+      const Result<Pixel> pixel = project(camera_, R_CN * direction_N);
+      if (!pixel || std::abs(pixel->u - 0.5 * camera_.width_px) > 0.5 * camera_.width_px + margin_px ||
+          std::abs(pixel->v - 0.5 * camera_.height_px) > 0.5 * camera_.height_px + margin_px)
+        continue;
+      in_frame += camera_.contains(*pixel);
+    }
+    stars_.push_back({.direction_N = direction_N, .field = star->star, .pixel = {}});
+  }
 }
 
 void Identifier::attend(const Mat3& R_CN) {
@@ -250,46 +277,50 @@ std::optional<AttitudeFit> Identifier::fit_bent(const AttitudeFit& start, const 
 
 // Eq. 9. The first spots are the surest, and the nearest matches: several lengths of the list and several radii are
 // tried, and paid for.
-double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, double radius_px) const {
+double Identifier::chance(std::span<const Centroid> spots, const Claim& claim, double radius_px, int parameters) const {
   int visible = 0, used = 0;
   for (const Star& star : stars_) visible += star.visible;
   for (const StarSight& sight : sights_) used += sight.used;
   const double area =
       attention_ != nullptr ? attention_->area_px() : static_cast<double>(camera_.width_px) * camera_.height_px;
-  // Three parameters were fitted: the matches lie nearer to their stars than they did before.
-  const double spent = 2.0 * used / std::max(1.0, 2.0 * used - 3.0);
+  // What was fitted to all matches, and not to the three alone, brings them nearer to their stars: of what they may be
+  // off by, each parameter leaves the share that the three have in telling it.
+  const double spent = std::pow(std::max(1.0, used / 3.0), parameters);
   const int all = static_cast<int>(spots.size());
   const int lengths[] = {15, 30, 60};
-  const double radii[] = {1.0, 0.5, 0.25, 0.125};
+  constexpr int kNets = 5;  // each half as wide as the one before
   int tried = 0;
   double least = 1.0;
   const auto try_length = [&](int length) {
-    for (const double share : radii) {
+    int hits[kNets] = {};
+    for (std::size_t i = 0; i < sights_.size(); ++i) {
+      if (!sights_[i].used || stars_[sight_star_[i]].spot >= length) continue;
+      const double d2 = sights_[i].residual_px.squaredNorm();
+      for (int net = 0; net < kNets; ++net) hits[net] += d2 * (1 << 2 * net) < radius_px * radius_px;
+    }
+    for (int net = 0; net < kNets; ++net) {
       ++tried;
-      const double radius = share * radius_px;
-      int hits = 0;
-      for (std::size_t i = 0; i < sights_.size(); ++i)
-        hits += sights_[i].used && stars_[sight_star_[i]].spot < length &&
-                sights_[i].residual_px.squaredNorm() < radius * radius;
-      const double p = std::min(0.9, visible * kPi * radius * radius * spent / area);
-      least = std::min(least, chance_of_matches(length - claim.given, hits - claim.given, p));
+      const double p = std::min(0.9, visible * kPi * radius_px * radius_px / ((1 << 2 * net) * area));
+      least = std::min(least, chance_of_matches(length - claim.given, hits[net] - claim.given, p));
     }
   };
   for (const int length : lengths)
     if (length < all) try_length(length);
   try_length(all);
-  return tried * claim.expected * least;
+  return tried * claim.expected * spent * least;
 }
 
 bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer, const Claim& claim,
                        Identification& out, std::span<MatchedStar> matches) {
-  if (!claim.gathered) gather_stars(claim.R_CN, observer, spots.size());
+  if (!claim.gathered)
+    gather_stars(claim.R_CN, observer, spots.size(), claim.radius_px + kEdgeOfFrame * camera_.width_px);
   if (attention_ != nullptr) attend(claim.R_CN);
   AttitudeFit fitted;
   fitted.R_CN = claim.R_CN;
   fitted.camera = camera_;
   const std::size_t distortion_from = static_cast<std::size_t>(settings_.distortion_from_stars);
   double radius = claim.radius_px, unexplained = 0.0, told = 0.0;
+  int parameters = 3;
   for (int pass = 0;; ++pass) {
     const double last_radius = std::max(settings_.match_px, kNetSigma * std::hypot(told, unexplained));
     const bool final_pass = pass > 0 && radius <= last_radius;
@@ -311,6 +342,16 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
       drop_wrong_brightness(spots);
     }
     Result<AttitudeFit> next = fit(fitted, options);
+    // Noise that nobody told, or a companion that nobody listed, may leave too little within the gates. What was left
+    // in the pass before then stands for the noise.
+    const bool blurred = final_pass && fitted.used >= claim.min_matched &&
+                         (!next || next->used < std::max<int>(claim.min_matched, static_cast<int>(sights_.size()) / 2));
+    if (blurred) {
+      const double freedom = 2.0 * fitted.used - 3.0 - options.freedom.count();
+      options.extra_sigma_px =
+          std::hypot(options.extra_sigma_px, fitted.residual_rms_px * std::sqrt(2.0 * fitted.used / freedom));
+      next = fit(fitted, options);
+    }
     if (!next) return false;
     if (final_pass && may_bend) {
       if (const auto bent = fit_bent(fitted, *next, options)) next = *bent;
@@ -320,8 +361,10 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
     told = std::sqrt(told / static_cast<double>(std::max<std::size_t>(1, sights_.size())));
     unexplained = unexplained_sigma_px();
     if (final_pass) {
+      parameters += options.freedom.count();
       if (unexplained > 0.0) {
-        options.extra_sigma_px = std::hypot(options.extra_sigma_px, unexplained);
+        options.extra_sigma_px =
+            std::max(options.extra_sigma_px, std::hypot(settings_.attitude.extra_sigma_px, unexplained));
         next = fit(fitted, options);
         if (!next) return false;
       }
@@ -333,7 +376,14 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
                       0.4 * radius);
   }
   if (fitted.used < claim.min_matched) return false;
-  const double by_chance = chance(spots, claim, radius);
+  // Matches by chance fill their net (half its radius an axis), stars do not (a quarter): near the truth it may be
+  // both.
+  if (radius > settings_.match_px && fitted.residual_rms_px > kFullNet * radius) return false;
+  // What ran beyond the ladder looks at the field as a part of another, or at another as a part of it.
+  if (claim.free_focal && std::abs(fitted.camera.fx_px / believed_.fx_px - 1.0) >
+                              std::max(settings_.focal_uncertainty, settings_.scale_tolerance) + kFocalStray)
+    return false;
+  const double by_chance = chance(spots, claim, radius, parameters);
   if (!(by_chance < settings_.max_chance)) return false;
 
   mark_stars(spots, radius);

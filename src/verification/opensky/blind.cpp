@@ -155,9 +155,15 @@ class BlindSearch::Attempt {
     for (const std::size_t spot : chosen_) seen.push_back(direction(spot, false, focal_px));
     const double least = std::pow(kLeastSize * shorter_px_ / focal_px, 2);
     const double largest = std::pow(kLargestSize * shorter_px_ / focal_px, 2);
+    // What a pair brings to every shape whose longest side it is.
     std::vector<double> d2(n * n);
-    for (std::size_t i = 0; i < n; ++i)
-      for (std::size_t j = 0; j < n; ++j) d2[i * n + j] = (seen[i] - seen[j]).squaredNorm();
+    std::vector<QuadAxes> axes(n * n);
+    for (std::size_t i = 0; i < n; ++i) {
+      for (std::size_t j = 0; j < n; ++j) {
+        d2[i * n + j] = (seen[i] - seen[j]).squaredNorm();
+        if (j < i) axes[i * n + j] = QuadAxes(seen[j], seen[i]);
+      }
+    }
     // In the order of the least certain of the four.
     for (std::size_t l = 3; l < n; ++l) {
       for (std::size_t k = 2; k < l; ++k) {
@@ -165,11 +171,19 @@ class BlindSearch::Attempt {
         for (std::size_t j = 1; j < k; ++j) {
           if (d2[l * n + j] > largest || d2[k * n + j] > largest) continue;
           for (std::size_t i = 0; i < j; ++i) {
-            const double longest =
-                std::max({d2[l * n + i], d2[k * n + i], d2[j * n + i], d2[l * n + k], d2[l * n + j], d2[k * n + j]});
-            if (longest > largest || longest < least) continue;
             const std::array<std::size_t, 4> of{i, j, k, l};
-            const QuadShape shape = quad_shape({seen[i], seen[j], seen[k], seen[l]});
+            std::size_t split = 0;
+            double longest = -1.0;
+            for (std::size_t s = 0; s < kQuadSplits.size(); ++s) {
+              const double length = d2[of[kQuadSplits[s][1]] * n + of[kQuadSplits[s][0]]];
+              if (length <= longest) continue;
+              longest = length;
+              split = s;
+            }
+            if (longest > largest || longest < least) continue;
+            const auto& corners = kQuadSplits[split];
+            const QuadShape shape = quad_shape(axes[of[corners[1]] * n + of[corners[0]]], corners, seen[of[corners[2]]],
+                                               seen[of[corners[3]]]);
             const auto tolerance = static_cast<float>(tolerance_ + 1.0 / (shape.size_rad * focal_px));
             bool found = false;
             for (const bool mirrored : {false, true}) {

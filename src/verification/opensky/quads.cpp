@@ -9,23 +9,21 @@
 
 namespace astronav::opensky {
 
-QuadShape quad_shape(const std::array<Vec3, 4>& d) {
-  constexpr std::array<std::array<std::uint8_t, 4>, 6> kSplits{
-      {{0, 1, 2, 3}, {0, 2, 1, 3}, {0, 3, 1, 2}, {1, 2, 0, 3}, {1, 3, 0, 2}, {2, 3, 0, 1}}};
+QuadAxes::QuadAxes(const Vec3& a, const Vec3& b) : middle(0.5 * (a + b)) {
+  const double length2 = (a - b).squaredNorm();
+  size_rad = std::sqrt(length2);
+  x = (b - a) / length2;  // divides by the distance once for the axis and once for the unit
+  y = middle.cross(x) / middle.norm();
+}
+
+QuadShape quad_shape(const QuadAxes& axes, const std::array<std::uint8_t, 4>& corners, const Vec3& third,
+                     const Vec3& fourth) {
   QuadShape shape;
-  double longest = -1.0;
-  for (const auto& split : kSplits) {
-    const double length = (d[split[0]] - d[split[1]]).squaredNorm();
-    if (length <= longest) continue;
-    longest = length;
-    shape.corners = split;
-  }
+  shape.size_rad = axes.size_rad;
+  shape.corners = corners;
   auto& [a, b, c, e] = shape.corners;
-  shape.size_rad = std::sqrt(longest);
-  const Vec3 middle = 0.5 * (d[a] + d[b]);
-  const Vec3 x = (d[b] - d[a]) / longest;  // divides by the distance once for the axis and once for the unit
-  const Vec3 y = middle.cross(x) / middle.norm();
-  double cx = (d[c] - middle).dot(x), cy = d[c].dot(y), ex = (d[e] - middle).dot(x), ey = d[e].dot(y);
+  double cx = (third - axes.middle).dot(axes.x), cy = third.dot(axes.y);
+  double ex = (fourth - axes.middle).dot(axes.x), ey = fourth.dot(axes.y);
   if (cx + ex < 0.0) {
     std::swap(a, b);
     cx = -cx, cy = -cy, ex = -ex, ey = -ey;
@@ -37,6 +35,19 @@ QuadShape quad_shape(const std::array<Vec3, 4>& d) {
   }
   shape.xy = {static_cast<float>(cx), static_cast<float>(cy), static_cast<float>(ex), static_cast<float>(ey)};
   return shape;
+}
+
+QuadShape quad_shape(const std::array<Vec3, 4>& d) {
+  const auto* longest = &kQuadSplits[0];
+  double length2 = -1.0;
+  for (const auto& split : kQuadSplits) {
+    const double d2 = (d[split[0]] - d[split[1]]).squaredNorm();
+    if (d2 <= length2) continue;
+    length2 = d2;
+    longest = &split;
+  }
+  const auto& [a, b, c, e] = *longest;
+  return quad_shape(QuadAxes(d[a], d[b]), *longest, d[c], d[e]);
 }
 
 std::vector<std::uint32_t> even_stars(const vision::StarField& field, std::span<const std::uint32_t> by_brightness,
@@ -114,8 +125,13 @@ QuadIndex::QuadIndex(const vision::StarField& field, const QuadSettings& setting
   }
   std::partial_sum(first_.begin(), first_.end(), first_.begin());
   std::vector<std::uint32_t> next(first_.begin(), first_.end() - 1);
-  quads_.resize(quads.size());
-  for (std::size_t i = 0; i < quads.size(); ++i) quads_[next[cells[i]]++] = quads[i];
+  xy_.resize(quads.size());
+  stars_.resize(quads.size());
+  for (std::size_t i = 0; i < quads.size(); ++i) {
+    const std::uint32_t at = next[cells[i]]++;
+    xy_[at] = quads[i].xy;
+    stars_[at] = quads[i].stars;
+  }
 }
 
 }  // namespace astronav::opensky
