@@ -343,8 +343,9 @@ bool Identifier::judge(std::span<const Centroid> spots, const Observer& observer
     }
     Result<AttitudeFit> next = fit(fitted, options);
     // Noise that nobody told, or a companion that nobody listed, may leave too little within the gates. What was left
-    // in the pass before then stands for the noise.
-    const bool blurred = final_pass && fitted.used >= claim.min_matched &&
+    // in the pass before then stands for the noise. A prior that fits no better is wrong: the sky will be searched.
+    const bool of_triangle = claim.given > 2;
+    const bool blurred = final_pass && of_triangle && fitted.used >= claim.min_matched &&
                          (!next || next->used < std::max<int>(claim.min_matched, static_cast<int>(sights_.size()) / 2));
     if (blurred) {
       const double freedom = 2.0 * fitted.used - 3.0 - options.freedom.count();
