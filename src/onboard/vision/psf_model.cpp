@@ -79,7 +79,7 @@ double skew_of_disc_px(double radius_px, double psf_sigma_px) {
 // Shares of that which windows show (docs/adr/0002): fits of discs whose law is known, and of Minnaert's discs whose
 // skewness is off by as much as the law (0.08 for an exponent of 0.85 instead of Lambert's 1).
 double skew_of_known_disc_px(double radius_px, double psf_sigma_px, double law_of_light) {
-  constexpr double kLeast = 0.012, kOfLaw = 0.25;
+  constexpr double kLeast = 0.0095, kOfLaw = 0.2;
   return std::hypot(kLeast, kOfLaw * law_of_light) * skew_of_disc_px(radius_px, psf_sigma_px);
 }
 

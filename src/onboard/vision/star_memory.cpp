@@ -43,9 +43,10 @@ double StarMemory::lasting_px2(std::uint32_t star, double weight) const {
   const double off2 = seen.east_px * seen.east_px + seen.north_px * seen.north_px;
   const double off2_then = (known * off2 + more * 2.0 / (known + more)) / (known + more);
   const double now = expected_px2(known, off2), then = std::min(now, expected_px2(known + more, off2_then));
-  // A double that was never seen before displaces the attitude for most of its first window.
-  const double unseen = more / (known + more);
-  return then + unseen * unseen * (now - then);
+  // While point-spread function and camera are being learned too, a double is not told from the rest so soon.
+  constexpr double kYoung = 1500.0;  // sights of stars: a window
+  const double unseen = more / (known + more), young = kYoung / (kYoung + sights_);
+  return then + young * unseen * (now - then);
 }
 
 void StarMemory::learn(std::uint32_t star, const StarSight& sight, const Mat3& R_CN, const Intrinsics& camera) {
@@ -58,6 +59,7 @@ void StarMemory::learn(std::uint32_t star, const StarSight& sight, const Mat3& R
   const Vec2 off = by_axes.inverse() * sight.residual_px;
   const double weight = 2.0 / sight.covariance_px2.trace();
   if (!off.allFinite() || !std::isfinite(weight)) return;
+  sights_ += 1.0;
   Seen& seen = seen_[star];
   // It forgets what it saw long ago: no mean becomes surer than the least.
   const double before = std::min<double>(seen.weight, 1.0 / kLeast2);

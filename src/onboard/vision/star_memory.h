@@ -34,6 +34,7 @@ class StarMemory {
     float weight = 0.0F;                    // 1/px^2, an axis
   };
   std::vector<Seen> seen_;
+  double sights_ = 0.0;  // that it learned from
 };
 
 }  // namespace astronav::vision
