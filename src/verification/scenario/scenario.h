@@ -149,7 +149,7 @@ struct OnboardFilter {
   double camera_focal_relative_sigma = 1e-5;
   double camera_k1_sigma = 1e-4;
   double camera_tau_days = 30.0;
-  double window_bias_sigma_px = 0.0001;
+  double window_bias_sigma_px = 0.0;
   double window_memory_days = 3.0;
   double window_bias_tau_hours = 12.0;
   double ephemeris_sigma_km = 1.0;
