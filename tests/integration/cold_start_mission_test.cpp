@@ -68,6 +68,14 @@ INSTANTIATE_TEST_SUITE_P(Levels, ColdStartMission,
                                            std::pair{loop::Level::sil, "conops.first_window_day=1"},
                                            std::pair{loop::Level::sil, "conops.first_window_day=120"}));
 
+// 0.1 km/s for 250 days: 6.5 million km. With images 17 of 24 such missions became sure of a wrong place.
+TEST(ColdStartMission, APriorThatSpreadTooFarIsNotUsed) {
+  const auto records = fly(loop::Level::sil, {"conops.first_window_day=250", "onboard.start.from=prior"});
+  ASSERT_TRUE(records) << describe(records.error());
+  EXPECT_EQ(loop::summarize(*records).start.from, "survey");
+  expect_honest(*records);
+}
+
 // Planets that are all too faint: said after the last cycle, with the reason of the last try.
 TEST(ColdStartMission, WithoutPlanetsIsToldAsSuch) {
   const auto records = fly(loop::Level::mil, {"onboard.start.from=survey", "conops.limiting_magnitude=-5"});

@@ -15,7 +15,7 @@ constexpr double kHaloWidthRelative = 0.3;
 // One object differs from the next by this much in width, relative: colour, and a disc if it is a body's.
 constexpr double kWidthOfStars = 0.005, kWidthOfBodies = 0.1, kWidthOfDiscs = 0.02;
 // Optics drift with temperature, and no model of them is exact: no belief becomes firmer than this.
-constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.006, kLeastOffsetPx = 0.0015;
+constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.006, kLeastOffsetPx = 0.001;
 
 LocalPsf::Vector least_sigma(const SensorModel& sensor) {
   LocalPsf::Vector sigma;
@@ -79,7 +79,7 @@ double skew_of_disc_px(double radius_px, double psf_sigma_px) {
 // Shares of that which windows show (docs/adr/0002): fits of discs whose law is known, and of Minnaert's discs whose
 // skewness is off by as much as the law (0.08 for an exponent of 0.85 instead of Lambert's 1).
 double skew_of_known_disc_px(double radius_px, double psf_sigma_px, double law_of_light) {
-  constexpr double kLeast = 0.0095, kOfLaw = 0.2;
+  constexpr double kLeast = 0.008, kOfLaw = 0.17;
   return std::hypot(kLeast, kOfLaw * law_of_light) * skew_of_disc_px(radius_px, psf_sigma_px);
 }
 

@@ -44,7 +44,7 @@ double StarMemory::lasting_px2(std::uint32_t star, double weight) const {
   const double off2_then = (known * off2 + more * 2.0 / (known + more)) / (known + more);
   const double now = expected_px2(known, off2), then = std::min(now, expected_px2(known + more, off2_then));
   // While point-spread function and camera are being learned too, a double is not told from the rest so soon.
-  constexpr double kYoung = 1500.0;  // sights of stars: a window
+  constexpr double kYoung = 500.0;  // sights of stars: a third of a window
   const double unseen = more / (known + more), young = kYoung / (kYoung + sights_);
   return then + young * unseen * (now - then);
 }

@@ -105,7 +105,7 @@ const std::array kKeys{
     NUMBER(truth.photocentre.jupiter, "", 0.0, 3.0, "times this for Jupiter"),
     NUMBER(truth.photocentre.saturn, "", 0.0, 3.0, "times this for Saturn"),
 
-    CHOICE(onboard.start.from, "prior survey", "prior: a state is told, with the errors of [onboard.filter]; survey: nothing but the clock and the Sun's direction, so that pictures along the ecliptic have to show planets before the first window; where they do not, again before the next cycle"),
+    CHOICE(onboard.start.from, "prior survey", "prior: a state is told, with the errors of [onboard.filter]; survey: nothing but the clock and the Sun's direction, so that pictures along the ecliptic have to show planets before the first window; where they do not, again before the next cycle. A prior that has spread beyond 3.5 million km (3 sigma) by the first window is not used: survey"),
 
     CHOICE(onboard.beacons.merit, "static filter", "the pair of beacons is chosen by the place that its two sights would give alone, or by what they would leave of the filter's covariance"),
 

@@ -163,16 +163,16 @@ struct OnboardFilter {
 };
 
 // By how much planets may stand elsewhere than the onboard ephemeris says, along the orbit and across its plane, each.
-// Root mean square of DE405 less DE430 (2020 to 2029) or less DE440 (2023 to 2025), along or across, whichever is
-// largest: docs/theory/navigation.md section 2.
+// Root mean square of DE405 less DE430 (2020 to 2029) and less DE440 (2023 to 2025), along and across together:
+// docs/theory/navigation.md section 2.
 struct OnboardEphemeris {
-  double mercury_km = 1.3;
-  double venus_km = 0.8;
-  double earth_km = 0.9;
-  double mars_km = 1.2;
-  double jupiter_km = 190.0;
-  double saturn_km = 180.0;
-  double uranus_km = 2600.0;
+  double mercury_km = 1.2;
+  double venus_km = 0.54;
+  double earth_km = 0.76;
+  double mars_km = 0.85;
+  double jupiter_km = 130.0;
+  double saturn_km = 150.0;
+  double uranus_km = 1900.0;
   double tau_days = 1000.0;
 };
 
