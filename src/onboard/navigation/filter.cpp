@@ -206,6 +206,11 @@ Filter::Seen* Filter::seen_of(BodyId body) {
   return nullptr;
 }
 
+// The beacon tracked last, seen again while its bias lasts: the same stars, the same bias.
+Duration Filter::longest_pause() const {
+  return settings_.window_memory.seconds() > 0.0 ? Duration::seconds(settings_.bias.tau_s) : Duration::seconds(0.0);
+}
+
 // Eq. 3a.
 double Filter::excess_of_window(BodyId body, Epoch epoch) {
   const Seen* seen = seen_of(body);
@@ -341,8 +346,9 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   const Result<Beacon> beacon = find(measurement.body, measurement.mid_exposure);
   if (!beacon || !propagate_to(measurement.mid_exposure)) return rejected(UpdateReason::no_ephemeris);
 
-  const bool same_window =
-      last_image_ && last_body_ == measurement.body && epoch_ - *last_image_ <= settings_.window_gap;
+  const bool same_body = last_image_ && last_body_ == measurement.body;
+  const bool paused = same_body && epoch_ - *last_image_ > settings_.window_gap;
+  const bool same_window = same_body && (!paused || epoch_ - *last_image_ <= longest_pause());
   if (last_body_ != measurement.body) rejections_ = {};
   if (!same_window) x_.segment<2>(index::bias).setZero();
   Result<Prediction> prediction = predict(x_, *beacon, measurement);
@@ -351,8 +357,8 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
     window_excess_ = excess_of_window(measurement.body, epoch_);
     start_window(measurement, prediction->pixel);
     result.window_started = true;
-    accepted_in_window_ = 0;
   }
+  if (!same_window || paused) accepted_in_window_ = 0;
   last_body_ = measurement.body;
   last_image_ = epoch_;
   Seen* seen = seen_of(measurement.body);

@@ -44,7 +44,7 @@ struct FilterSettings {
   GaussMarkov focal{.sigma = 1e-5, .tau_s = 30.0 * 86400.0};  // relative
   GaussMarkov k1{.sigma = 1e-4, .tau_s = 30.0 * 86400.0};
   // Line-of-sight bias of a window, px per axis; 0.3 arcsec at 71 arcsec/px. Starts anew when the beacon changes or no
-  // image has come for `window_gap`.
+  // image has come for `window_gap`; with a `window_memory` the same beacon's goes on after a pause of up to its tau.
   GaussMarkov bias{.sigma = 0.004, .tau_s = 12.0 * 3600.0};
   Duration window_gap = Duration::seconds(900.0);
   // For how long a window resembles the last one of the same beacon, which stands before the same stars (eq. 3a); 0:
@@ -199,6 +199,7 @@ class Filter {
   Result<StateVector> fly_anew(const StateVector& pull);
   StateVector ageing_factors(Duration span) const;
   void age(Duration span);
+  Duration longest_pause() const;
   void start_window(const BeaconMeasurement& measurement, const PixelPrediction& prediction);
   bool recover(const MeasurementMatrix& by_state);
   bool undo(const MeasurementMatrix& by_state, const Vec2& mean);

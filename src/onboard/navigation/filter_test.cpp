@@ -388,6 +388,26 @@ TEST_F(FilterUpdate, AWindowThatResemblesTheLastIsWorthLess) {
   EXPECT_NEAR(again, 0.01 * (1.0 + alike) / (1.0 - alike), 5e-3);
 }
 
+// The beacon seen an hour ago, and no other between: what its bias is known to be still holds.
+TEST_F(FilterUpdate, AWindowOfTheSameBeaconGoesOnAfterAPause) {
+  settings.bias = {.sigma = 0.1, .tau_s = 12.0 * 3600.0};
+  settings.window_memory = Duration::days(3.0);
+  Filter filter = started(truth, 10.0, 1e-5);
+  const auto look = [&](double hours) {
+    const Duration later = Duration::seconds(3600.0 * hours);
+    return filter.update(photograph(fly(truth, epoch, later), body::mars, epoch + later, settings.camera, {}, nullptr));
+  };
+  const auto but_for_noise = [](const UpdateResult& r) {
+    return r.innovation_covariance_px2(0, 0) - r.noise_covariance_px2(0, 0);
+  };
+  const UpdateResult first = look(0.1), after_an_hour = look(1.1), next_day = look(25.0);
+  EXPECT_TRUE(first.window_started);
+  EXPECT_FALSE(after_an_hour.window_started);
+  EXPECT_LT(but_for_noise(after_an_hour), 0.5 * but_for_noise(first));
+  EXPECT_TRUE(next_day.window_started);
+  EXPECT_GT(but_for_noise(next_day), but_for_noise(first));
+}
+
 // What one image of a window is told to repeat, and the first was not, is noise: no window begins anew.
 TEST_F(FilterUpdate, WhatOneImageRepeatsBeyondItsWindowIsNoise) {
   settings.bias = {.sigma = 0.01, .tau_s = 12.0 * 3600.0};
