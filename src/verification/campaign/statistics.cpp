@@ -131,14 +131,14 @@ std::string samples_csv(const Outcome& outcome) {
     const loop::ErrorSummary& v = s.velocity_error_m_s;
     for (const auto* axes : {&p.steady_3sigma_axis, &v.steady_3sigma_axis, &p.formal_3sigma_axis, &v.formal_3sigma_axis,
                              &p.end_of_coast.steady_3sigma_axis, &v.end_of_coast.steady_3sigma_axis}) {
-      for (const double x : *axes) out += "," + cell(x);
+      for (const double x : *axes) out.append(",").append(cell(x));
     }
     for (const double x :
          {p.final_rss, v.final_rss, s.nees_mean, s.nees_band_95.lo, s.nees_band_95.hi, s.nis_mean, s.nis_band_95.lo,
           s.nis_band_95.hi, s.vision.attitude_success_rate, s.vision.planet_success_rate,
           static_cast<double>(s.vision.false_planets), s.vision.centroid_error_px_1sigma,
           s.vision.planet_error_px_1sigma, s.image_ms_median, s.wall_s}) {
-      out += "," + cell(x);
+      out.append(",").append(cell(x));
     }
     out += ",\n";
   }
