@@ -47,7 +47,15 @@ std::string sample_line(const Sample& sample) {
     windows.push_back(std::move(row));
   }
   line["windows"] = std::move(windows);
+  Json consistency = Json::array();
+  for (const WindowConsistency& w : sample.consistency)
+    consistency.push_back({w.cycle, w.window, w.beacon, w.nees, w.nis});
+  line["consistency"] = std::move(consistency);
   return line.dump();
+}
+
+double number(const Json& cell) {
+  return cell.is_null() ? std::nan("") : cell.get<double>();
 }
 
 Result<Sample> read_sample(const std::string& text, std::string_view where) {
@@ -65,15 +73,16 @@ Result<Sample> read_sample(const std::string& text, std::string_view where) {
     for (const Json& row : line.at("windows")) {
       WindowError w;
       w.day = row.at(0).get<double>();
-      w.nees = row.at(1).is_null() ? std::nan("") : row.at(1).get<double>();
+      w.nees = number(row.at(1));
       std::size_t i = 2;
       for (auto* values : {&w.position_km, &w.position_sigma_km, &w.velocity_m_s, &w.velocity_sigma_m_s}) {
-        for (double& v : *values) {
-          const Json& cell = row.at(i++);
-          v = cell.is_null() ? std::nan("") : cell.get<double>();
-        }
+        for (double& v : *values) v = number(row.at(i++));
       }
       sample.windows.push_back(w);
+    }
+    for (const Json& row : line.at("consistency")) {
+      sample.consistency.push_back({row.at(0).get<int>(), row.at(1).get<int>(), row.at(2).get<std::string>(),
+                                    number(row.at(3)), number(row.at(4))});
     }
     return sample;
   } catch (const nlohmann::json::exception& e) {
@@ -124,6 +133,27 @@ std::filesystem::path file_of(const Options& options) {
   return options.out / fmt::format("samples.{}-of-{}.jsonl", options.shard.index, options.shard.count);
 }
 
+std::vector<WindowConsistency> consistency_of(const loop::Records& records) {
+  std::vector<WindowConsistency> out;
+  double nis = 0.0;
+  int taken = 0;
+  for (const loop::Event& e : records.events) {
+    if (e.kind != loop::EventKind::image || e.for_start) continue;
+    if (out.empty() || out.back().cycle != e.cycle || out.back().window != e.window) {
+      out.push_back({.cycle = e.cycle, .window = e.window, .beacon = std::string(body_name(e.body))});
+      nis = 0.0;
+      taken = 0;
+    }
+    if (e.accepted) {
+      nis += e.nis;
+      ++taken;
+    }
+    out.back().nees = e.nees;
+    out.back().nis = taken > 0 ? nis / taken : std::nan("");
+  }
+  return out;
+}
+
 Sample to_sample(std::uint64_t seed, const Result<loop::Records>& records) {
   Sample sample;
   sample.seed = seed;
@@ -132,6 +162,8 @@ Sample to_sample(std::uint64_t seed, const Result<loop::Records>& records) {
     return sample;
   }
   sample.summary = loop::summarize(*records);
+  // Without noise errors say nothing of a covariance.
+  if (records->level != "cov") sample.consistency = consistency_of(*records);
   for (const loop::Event& e : records->events) {
     if (e.kind != loop::EventKind::cycle_end) continue;
     WindowError w;

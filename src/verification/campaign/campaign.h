@@ -56,11 +56,21 @@ struct WindowError {
   double nees = 0.0;
 };
 
+// Any tracking window: NEES after its last image, mean NIS of the measurements taken in it.
+struct WindowConsistency {
+  int cycle = 0;   // from 0
+  int window = 0;  // 0 or 1
+  std::string beacon;
+  double nees = 0.0;
+  double nis = 0.0;  // NaN: nothing was taken
+};
+
 struct Sample {
   std::uint64_t seed = 1;
   std::string error;  // empty: flown
   loop::Summary summary;
   std::vector<WindowError> windows;
+  std::vector<WindowConsistency> consistency;
   bool flown() const { return error.empty(); }
 };
 
@@ -79,6 +89,17 @@ Result<Outcome> run(const scenario::Draft& draft, const Options& options, const 
 // All samples found in these folders (or .jsonl files), which must be of one campaign; a seed found twice counts once.
 Result<Outcome> merge(const std::vector<std::filesystem::path>& places);
 
+// The same window of all samples. Runs are independent, so the band needs no effective count.
+struct WindowStatistics {
+  int cycle = 0;
+  int window = 0;
+  std::string beacon;  // the one that most samples tracked
+  int samples = 0;
+  double nees_mean = 0.0;
+  Band nees_band_95;
+  double nis_mean = 0.0;  // NaN: nothing was taken
+};
+
 struct Statistics {
   loop::Summary pooled;
   int flown = 0;
@@ -88,6 +109,10 @@ struct Statistics {
   double worst_velocity_ratio = 0.0;
   int nis_inside_band = 0;
   int nees_inside_band = 0;
+  // Window by window, from the first cycle on.
+  std::vector<WindowStatistics> windows;
+  double nees_all_windows = 0.0;  // mean over samples and windows
+  int windows_inside_band = 0;    // a perfect filter: 95 in 100
 };
 // not_converged where no sample has flown.
 Result<Statistics> statistics(const Outcome& outcome);
@@ -97,9 +122,10 @@ Result<Statistics> statistics(const Outcome& outcome);
 // than 3 samples.
 std::string summary_json(const Outcome& outcome, const Statistics& statistics);
 std::string samples_csv(const Outcome& outcome);
+std::string windows_csv(const Statistics& statistics);
 std::string to_text(const Outcome& outcome, const Statistics& statistics);
 
-// samples.csv and summary.json.
+// samples.csv, windows.csv and summary.json.
 Result<void> write_files(const std::filesystem::path& folder, const Outcome& outcome, const Statistics& statistics);
 
 // A job script for Slurm: one array task per shard, then the merge.

@@ -153,6 +153,37 @@ TEST_F(Campaign, IntervalsHoldTheFiguresAndNarrowWithSamples) {
   EXPECT_GT(width(8, "few"), width(64, "many"));  // about 2.8 times; the same seeds every time
 }
 
+// The bands per window, of a filter that is right and of one that believes itself three halves as good as it is.
+TEST_F(Campaign, NeesWindowByWindow) {
+  options_.samples = 200;
+  options_.jobs = 2;
+  const auto inside = [&](double factor, const char* folder) {
+    options_.out = folder_ / folder;
+    const auto outcome = run(
+        draft_, options_,
+        [&](const scenario::Scenario&, std::uint64_t seed, std::uint64_t) -> Result<loop::Records> {
+          return astronav::testing::synthetic_records(
+              {.seed = seed, .cycles = 8, .images_per_window = 4, .truth_over_filter = factor});
+        },
+        {});
+    const auto s = statistics(*outcome);
+    EXPECT_EQ(s->windows.size(), 16u);
+    for (const WindowStatistics& w : s->windows) EXPECT_EQ(w.samples, 200);
+    const std::string table = windows_csv(*s);
+    EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 17);
+    EXPECT_NE(to_text(*outcome, *s).find("of 16, mean of all"), std::string::npos);
+    const auto again = merge({options_.out});
+    EXPECT_EQ(windows_csv(*statistics(*again)), table);
+    return std::pair(s->windows_inside_band, s->nees_all_windows);
+  };
+  const auto [right, right_mean] = inside(1.0, "right");
+  EXPECT_GE(right, 13);  // neighbours are correlated: when one is outside, so may be the next
+  EXPECT_NEAR(right_mean, 6.0, 0.3);
+  const auto [wrong, wrong_mean] = inside(1.5, "wrong");
+  EXPECT_LE(wrong, 1);
+  EXPECT_NEAR(wrong_mean, 6.0 * 1.5 * 1.5, 0.8);
+}
+
 TEST_F(Campaign, SamplesTableIsRectangular) {
   fail_seed_ = 4;
   const auto outcome = run(draft_, options_, fly_, {});

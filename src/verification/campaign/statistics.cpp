@@ -68,6 +68,41 @@ std::string cell(double v) {
   return std::isnan(v) ? "" : fmt::format("{:.6g}", v);
 }
 
+// Means over the samples, window by window.
+std::vector<WindowStatistics> window_statistics(const Outcome& outcome) {
+  struct Sum {
+    double nees = 0.0, nis = 0.0;
+    int count = 0, nis_count = 0;
+    std::map<std::string, int> beacons;
+  };
+  std::map<std::pair<int, int>, Sum> sums;
+  for (const Sample& sample : outcome.samples) {
+    for (const WindowConsistency& w : sample.consistency) {
+      if (std::isnan(w.nees)) continue;
+      Sum& sum = sums[{w.cycle, w.window}];
+      sum.nees += w.nees;
+      ++sum.count;
+      ++sum.beacons[w.beacon];
+      if (std::isnan(w.nis)) continue;
+      sum.nis += w.nis;
+      ++sum.nis_count;
+    }
+  }
+  std::vector<WindowStatistics> out;
+  for (const auto& [key, sum] : sums) {
+    const auto most = std::max_element(sum.beacons.begin(), sum.beacons.end(),
+                                       [](const auto& a, const auto& b) { return a.second < b.second; });
+    out.push_back({.cycle = key.first,
+                   .window = key.second,
+                   .beacon = most->first,
+                   .samples = sum.count,
+                   .nees_mean = sum.nees / sum.count,
+                   .nees_band_95 = chi_square_mean_band(0.95, 6.0, sum.count),
+                   .nis_mean = sum.nis_count > 0 ? sum.nis / sum.nis_count : std::nan("")});
+  }
+  return out;
+}
+
 }  // namespace
 
 Result<Statistics> statistics(const Outcome& outcome) {
@@ -87,6 +122,15 @@ Result<Statistics> statistics(const Outcome& outcome) {
     s.nis_inside_band += r.nis_band_95.contains(r.nis_mean);
     s.nees_inside_band += r.nees_band_95.contains(r.nees_mean);
   }
+  s.windows = window_statistics(outcome);
+  double sum = 0.0;
+  int count = 0;
+  for (const WindowStatistics& w : s.windows) {
+    sum += w.nees_mean * w.samples;
+    count += w.samples;
+    s.windows_inside_band += w.nees_band_95.contains(w.nees_mean);
+  }
+  s.nees_all_windows = count > 0 ? sum / count : std::nan("");
   return s;
 }
 
@@ -100,6 +144,9 @@ std::string summary_json(const Outcome& outcome, const Statistics& s) {
                   {"nis_inside_band", s.nis_inside_band},
                   {"nees_inside_band", s.nees_inside_band}};
   j["worst_ratio_to_formal"] = {{"position", s.worst_position_ratio}, {"velocity", s.worst_velocity_ratio}};
+  j["windows"] = {{"count", s.windows.size()},
+                  {"nees_mean", s.nees_all_windows},
+                  {"nees_inside_band", s.windows_inside_band}};
   j["confidence_95"] = confidence(flown_summaries(outcome));
   j["confidence_method"] =
       fmt::format("bootstrap over whole samples, {} resamples, 2.5 % and 97.5 % percentiles", kResamples);
@@ -145,6 +192,15 @@ std::string samples_csv(const Outcome& outcome) {
   return out;
 }
 
+std::string windows_csv(const Statistics& s) {
+  std::string out = "cycle,window,beacon,samples,nees_mean,nees_band_lo,nees_band_hi,nis_mean\n";
+  for (const WindowStatistics& w : s.windows) {
+    out += fmt::format("{},{},{},{},{},{},{},{}\n", w.cycle, w.window, w.beacon, w.samples, cell(w.nees_mean),
+                       cell(w.nees_band_95.lo), cell(w.nees_band_95.hi), cell(w.nis_mean));
+  }
+  return out;
+}
+
 std::string to_text(const Outcome& outcome, const Statistics& s) {
   std::string out = loop::to_text(s.pooled);
   out += fmt::format(
@@ -152,6 +208,10 @@ std::string to_text(const Outcome& outcome, const Statistics& s) {
       "(velocity) of its own bound\n",
       s.flown, s.failed > 0 ? fmt::format(", {} failed", s.failed) : "", s.nis_inside_band, s.nees_inside_band,
       s.worst_position_ratio, s.worst_velocity_ratio);
+  if (s.flown > 1 && !s.windows.empty()) {
+    out += fmt::format("  window by window, over the samples: NEES inside its band in {} of {}, mean of all {:.2f}\n",
+                       s.windows_inside_band, s.windows.size(), s.nees_all_windows);
+  }
   for (const Sample& sample : outcome.samples) {
     if (!sample.flown()) out += fmt::format("  seed {} failed: {}\n", sample.seed, sample.error);
   }
@@ -163,6 +223,7 @@ Result<void> write_files(const std::filesystem::path& folder, const Outcome& out
   std::filesystem::create_directories(folder, error);
   if (error) return fail(ErrorCode::io_failure, "cannot make the folder: {s}", {}, folder.string(), error.message());
   if (auto ok = write_file(folder / "samples.csv", samples_csv(outcome)); !ok) return ok;
+  if (auto ok = write_file(folder / "windows.csv", windows_csv(s)); !ok) return ok;
   return write_file(folder / "summary.json", summary_json(outcome, s) + "\n");
 }
 
