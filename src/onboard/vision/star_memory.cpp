@@ -15,7 +15,7 @@ namespace {
 // is known.
 constexpr double kUnknown2 = AttitudeOptions{}.extra_sigma_px * AttitudeOptions{}.extra_sigma_px;
 // Pixels that differ, the lens, and the attitudes found so far leave this of the others, however long one looks.
-constexpr double kLeast2 = 0.001 * 0.001;
+constexpr double kLeast2 = 0.0009 * 0.0009;
 constexpr double kPulled2 = (kUnknown2 - kLeast2) / StarMemory::kDoubleShare;
 
 }  // namespace
