@@ -71,7 +71,9 @@ Result<vision::PlanetPrediction> Navigator::predict(BodyId beacon, Epoch epoch) 
   prediction.body = beacon;
   prediction.direction_N = predicted->direction_N;
   prediction.direction_covariance = predicted->covariance;
-  if (const auto constants = body_constants(beacon)) {
+  // Where the place is that of the figure, the light is a point's.
+  const auto constants = body_constants(beacon);
+  if (constants && settings_.filter.sight.centre_of_light) {
     prediction.angular_radius_rad = constants->mean_radius_m / (predicted->light_time_s * kSpeedOfLight);
   }
   if (!settings_.brightness) return prediction;

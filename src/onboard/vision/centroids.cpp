@@ -244,12 +244,12 @@ std::optional<Window> CentroidFinder::window_about(ImageView<const std::uint16_t
 
 bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level,
                                     std::span<const Pixel> guesses, double flux_dn, const LitDisc& disc,
-                                    std::span<const LightBeside> beside, Centroid& spot) const {
+                                    std::span<const LightBeside> beside, Centroid& spot) {
   // A fit this good needs no other guess.
   constexpr double kGoodChi2 = 1.5;
   PsfFit best;
   for (const Pixel guess : guesses) {
-    const LocalPsf psf = lessons_.belief().at(guess);
+    const LocalPsf psf = lessons_.before().at(guess);
     const int reach = psf.reach_px();
     if (!(guess.u >= reach && guess.v >= reach && guess.u < image.width() - reach && guess.v < image.height() - reach))
       continue;
@@ -263,6 +263,8 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
   }
   if (!best.converged) return false;
   take(best, spot);
+  // As a point alone, which it is not, its spot taught what is wrong.
+  lessons_.replace(best.pixel, {});
   spot.saturated = best.saturated;
   if (!best.saturated) {  // the companion's light comes again
     spot.covariance_px2 = best.noise_px2;

@@ -68,7 +68,7 @@ class CentroidFinder {
   // the radius 0 where it is a point's); from the first guess that leads to a good fit, or the best. False, and `spot`
   // untouched, where that fails.
   bool measure_beside(ImageView<const std::uint16_t> image, const FrameLevel& level, std::span<const Pixel> guesses,
-                      double flux_dn, const LitDisc& disc, std::span<const LightBeside> beside, Centroid& spot) const;
+                      double flux_dn, const LitDisc& disc, std::span<const LightBeside> beside, Centroid& spot);
 
   // Measures a saturated spot of the last frame once more, as the disc that it is; what it taught of the point-spread
   // function as a point's is learnt anew. False, and `spot` untouched, where that fails.

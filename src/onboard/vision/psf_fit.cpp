@@ -184,11 +184,22 @@ void consider_shape(const ShapeFit& about, const LocalPsf& psf, PsfFit& fit) {
   fit.repeating_sigma_px = std::sqrt(0.5 * by_shape.trace());
 }
 
-PsfFit fit_patch(const Patch& patch, Pixel guess, const SensorModel& sensor, const LocalPsf& psf,
-                 PsfEvidence* evidence) {
+// Once more where strangers are in the window, without them.
+PsfFit fit_saturated(Patch& patch, Pixel guess, const SensorModel& sensor, const LocalPsf& psf, PsfEvidence* evidence) {
+  ShapeFit about(patch, sensor);
+  const PsfFit fit = about.run(guess, psf, evidence);
+  if (!is_odd(fit) || !about.solution().allFinite() || !set_strangers_aside(patch, about.excess(), fit.pixel))
+    return inflated(fit);
+  const PsfFit alone = about.run(guess, psf, nullptr);
+  if (!is_better(alone, fit)) return inflated(fit);
+  if (evidence != nullptr) *evidence = {};
+  return inflated(alone);
+}
+
+PsfFit fit_patch(Patch& patch, Pixel guess, const SensorModel& sensor, const LocalPsf& psf, PsfEvidence* evidence) {
   // Beyond this signal-to-noise ratio a width that is off by some percent shows.
   constexpr double kConsidered = 80.0;
-  if (patch.saturated()) return inflated(ShapeFit(patch, sensor).run(guess, psf.of_body(), evidence));
+  if (patch.saturated()) return fit_saturated(patch, guess, sensor, psf.of_body(), evidence);
   PsfFit fit = PointFit(patch, sensor, psf).run(guess);
   if (fit.converged && fit.flux_dn > kConsidered * fit.flux_sigma_dn) {
     ShapeFit about(patch, sensor);
@@ -220,17 +231,26 @@ PsfFit fit_psf_of_disc(ImageView<const std::uint16_t> image, const Window& windo
   seen.load(image, window, level, sensor);
   Patch as_spot = seen;
   ShapeFit about(as_spot, sensor, spread_px2(disc));
-  PsfFit fit = about.run(guess, psf.of_disc(), nullptr);
-  ShapeFit::Vector p = about.solution();
-  for (int pass = 0; pass < kMostDiscPasses && p.allFinite(); ++pass) {
-    as_spot.light =
-        as_of_spot(seen, disc, {p(0), p(1)}, std::exp(p(ShapeFit::kFlux)), p(ShapeFit::kShape + LocalPsf::width));
-    fit = about.run(fit.pixel, psf.of_disc(), evidence);
-    const double moved = (about.solution() - p).head<2>().norm();
-    p = about.solution();
-    if (moved < kDiscSettledPx) break;
-  }
-  return inflated(fit);
+  const auto settle = [&](Pixel start, PsfEvidence* told) {
+    PsfFit fit = about.run(start, psf.of_disc(), told);
+    ShapeFit::Vector p = about.solution();
+    for (int pass = 0; pass < kMostDiscPasses && p.allFinite(); ++pass) {
+      as_spot.light =
+          as_of_spot(seen, disc, {p(0), p(1)}, std::exp(p(ShapeFit::kFlux)), p(ShapeFit::kShape + LocalPsf::width));
+      fit = about.run(fit.pixel, psf.of_disc(), told);
+      const double moved = (about.solution() - p).head<2>().norm();
+      p = about.solution();
+      if (moved < kDiscSettledPx) break;
+    }
+    return fit;
+  };
+  const PsfFit fit = settle(guess, evidence);
+  if (!is_odd(fit) || !about.solution().allFinite() || !set_strangers_aside(as_spot, about.excess(), fit.pixel))
+    return inflated(fit);
+  const PsfFit alone = settle(guess, nullptr);
+  if (!is_better(alone, fit)) return inflated(fit);
+  if (evidence != nullptr) *evidence = {};
+  return inflated(alone);
 }
 
 template <typename T>

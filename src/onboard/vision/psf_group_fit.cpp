@@ -101,11 +101,34 @@ class GroupFitter {
     return fit;
   }
 
+  // Where a fit ended with other light than it was told, as with one body in the other's place, strangers are not what
+  // is wrong.
+  bool as_believed() const {
+    constexpr double kMostSigmas = 4.0;
+    const Vector off = (solution_ - believed_).cwiseAbs();
+    bool alike = off(ShapeFit::kFlux) < kMostSigmas * kFluxSigma;
+    for (std::size_t k = 0; k < beside_.size(); ++k)
+      alike &= off(of_other(k) + ShapeFit::kFlux) < kMostSigmas * beside_[k].flux_sigma;
+    return alike;
+  }
+  Pixel solved() const { return {solution_(0), solution_(1)}; }
+  // Light less model where the last run ended, in sigmas; 0 where nothing counts.
+  WindowLight excess() {
+    place(solution_);
+    weigh(solution_);
+    WindowLight out{};
+    for_each_pixel(solution_, [&](std::size_t k, double signal, double, const Vector&) {
+      out[k] = (light_[k] - signal) * std::sqrt(weight_[k]);
+    });
+    return out;
+  }
+
  private:
   // From p to where the fit ends.
   PsfFit settle(Vector& p) {
     PsfFit fit;
     fit.saturated = patch_.saturated();
+    solution_ = p;
     place(p);
     weigh(p);
     double cost = linearize(p), damping = 1e-3;
@@ -131,6 +154,7 @@ class GroupFitter {
         converged = converged && small(step, of_other(k), kOthersConverged);
     }
     if (converged) tell(p, cost, fit);
+    solution_ = p;
     return fit;
   }
 
@@ -251,7 +275,6 @@ class GroupFitter {
     // What shape and the others' places and light move the place by comes again in the next image.
     fit.noise_px2 = Matrix(covariance * information_ * covariance).topLeftCorner<2, 2>();
     fit.repeating_sigma_px = std::sqrt(std::max(0.0, 0.5 * (fit.covariance_px2 - fit.noise_px2).trace()));
-    fit = inflated(fit);
   }
 
   Vec2 place_of_other(const Vector& p, std::size_t k) const {
@@ -271,7 +294,7 @@ class GroupFitter {
   std::array<SpotProfiles, kMostBeside> others_;
   std::array<double, kMaxFitWindow * kMaxFitWindow> weight_;
   Matrix information_, whole_;
-  Vector slope_;
+  Vector slope_, solution_;
   int pixels_ = 0;
 };
 
@@ -285,7 +308,12 @@ PsfFit fit_psf_beside(ImageView<const std::uint16_t> image, const Window& window
   ASTRONAV_CHECK(flux_dn > 0.0 && beside.size() <= kMostBeside);
   Patch patch;
   patch.load(image, window, level, sensor);
-  return GroupFitter(patch, sensor, psf, flux_dn, disc, beside).run(guess);
+  GroupFitter about(patch, sensor, psf, flux_dn, disc, beside);
+  const PsfFit fit = about.run(guess);
+  if (!is_odd(fit) || !about.as_believed() || !set_strangers_aside(patch, about.excess(), about.solved()))
+    return inflated(fit);
+  const PsfFit alone = about.run(guess);
+  return inflated(is_better(alone, fit) ? alone : fit);
 }
 
 }  // namespace astronav::vision

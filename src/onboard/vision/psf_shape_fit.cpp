@@ -61,13 +61,48 @@ template void Patch::load<std::uint16_t>(ImageView<const std::uint16_t>, const W
 template void Patch::load<float>(ImageView<const float>, const Window&, const LocalLevel&, const SensorModel&);
 
 PsfFit inflated(PsfFit fit) {
-  constexpr double kBlendChi2 = 2.5;
   if (fit.chi2_per_dof > kBlendChi2) {
     const double grown = (fit.chi2_per_dof - 1.0) * 0.5 * fit.covariance_px2.trace();
     fit.repeating_sigma_px = std::hypot(fit.repeating_sigma_px, std::sqrt(grown));
     fit.covariance_px2 *= fit.chi2_per_dof;
   }
   return fit;
+}
+
+bool set_strangers_aside(Patch& patch, const WindowLight& excess, Pixel body) {
+  constexpr double kStrange = 6.0;  // sigmas
+  constexpr double kNearPx = 4.0;   // what is nearer may be the body's own, of a form that no model has
+  constexpr double kReachPx = 2.3;  // of a star's light, or a proton's
+  constexpr int kMostPlaces = 3;
+  constexpr double kMostShare = 0.25;  // of the pixels that count
+  const Window& w = patch.window;
+  const Patch before = patch;
+  const auto visit = [&](auto&& act) {
+    for (int j = 0; j < w.height(); ++j)
+      for (int i = 0; i < w.width(); ++i) act(i, j, static_cast<std::size_t>(j * kMaxFitWindow + i));
+  };
+  int counted = 0, aside = 0;
+  visit([&](int, int, std::size_t k) { counted += patch.counts[k] > 0.0; });
+  for (int places = 0; places < kMostPlaces; ++places) {
+    double most = kStrange;
+    int u = -1, v = -1;
+    visit([&](int i, int j, std::size_t k) {
+      if (!(patch.counts[k] > 0.0) || !(excess[k] > most)) return;
+      if (std::hypot(w.u0 + i - body.u, w.v0 + j - body.v) < kNearPx) return;
+      most = excess[k];
+      u = i;
+      v = j;
+    });
+    if (u < 0) break;
+    visit([&](int i, int j, std::size_t k) {
+      if (std::hypot(i - u, j - v) > kReachPx) return;
+      aside += patch.counts[k] > 0.0;
+      patch.counts[k] = 0.0;
+    });
+  }
+  if (aside > 0 && aside < kMostShare * counted) return true;
+  patch = before;
+  return false;
 }
 
 bool ShapeFit::inside(const Vector& p) const {
@@ -270,6 +305,25 @@ double ShapeFit::linearize(const Vector& p) {
   }
   pixels_ = static_cast<int>(total(used));
   return total(chi2);
+}
+
+WindowLight ShapeFit::excess() {
+  profiles(solution_);
+  weigh(solution_);
+  const double flux = std::exp(solution_(kFlux));
+  const double share = solution_(kShape + LocalPsf::halo_share), outer = solution_(kShape + LocalPsf::outer_share);
+  WindowLight out{};
+  for (int j = 0; j < patch_.window.height(); ++j) {
+    for (int i = 0; i < patch_.window.width(); ++i) {
+      const auto k = static_cast<std::size_t>(j * kMaxFitWindow + i);
+      if (patch_.counts[k] == 0.0) continue;
+      const double halo = (1.0 - outer) * at(point_.inner_x.share, i) * at(point_.inner_y.share, j) +
+                          outer * at(point_.outer_x.share, i) * at(point_.outer_y.share, j);
+      const double signal = flux * (at(point_.x.share, i) * at(point_.y.share, j) + share * halo);
+      out[k] = (patch_.light[k] - signal) * std::sqrt(weight_[k]);
+    }
+  }
+  return out;
 }
 
 PsfEvidence ShapeFit::evidence(const Vector& p) const {

@@ -43,9 +43,24 @@ WindowLight as_of_spot(const Patch& seen, const LitDisc& disc, Pixel at, double 
 inline constexpr int kMostDiscPasses = 8;
 inline constexpr double kDiscSettledPx = 2e-4;
 
-// Beyond a chi-square per degree of freedom of 2.5 something else is in the window, and the covariance grows with it:
-// not as this image's noise, since most of what is there will be there in the next one.
+// Beyond this chi-square per degree of freedom something else is in the window.
+inline constexpr double kBlendChi2 = 2.5;
+// A fit that strangers may have spoilt (no neighbour whose light is like its own: that is no stranger), and one that
+// did better without them. What a window with strangers tells of the point-spread function is not learned.
+inline bool is_odd(const PsfFit& fit) {
+  constexpr double kMostChi2 = 100.0;
+  return (!fit.converged || fit.chi2_per_dof > kBlendChi2) && fit.chi2_per_dof < kMostChi2;
+}
+inline bool is_better(const PsfFit& alone, const PsfFit& before) {
+  return alone.converged && (!before.converged || alone.chi2_per_dof < before.chi2_per_dof);
+}
+// Then the covariance grows with it: not as this image's noise, since most of what is there will be there in the next.
 PsfFit inflated(PsfFit fit);
+
+// Sets aside (counts = 0) what lies about pixels that hold much more light than the model of the body at `body`, and
+// are not near it: a star that nobody listed, a proton. `excess`: light less model, in sigmas. False, and nothing set
+// aside: there is none, or so much that the model must be wrong.
+bool set_strangers_aside(Patch& patch, const WindowLight& excess, Pixel body);
 
 class ShapeFit {
  public:
@@ -71,6 +86,8 @@ class ShapeFit {
   const Vector& gradient() const { return gradient_; }
   double chi2() const { return cost_; }
   int pixels() const { return pixels_; }
+  // Light less model where the last run ended, in sigmas; 0 where nothing counts.
+  WindowLight excess();
   PsfEvidence evidence(const Vector& p) const;
 
  private:

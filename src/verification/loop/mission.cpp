@@ -142,6 +142,13 @@ Result<Records> Flight::fly() {
     return fail(ErrorCode::no_match, "no start from nothing in {0} cycles; the last try: {s}",
                 {static_cast<double>(cycles)}, "onboard.start.from", describe(why));
   }
+  const auto is_sight = [](const Event& e) { return e.kind == EventKind::image; };
+  if (options_.level != Level::cov && std::none_of(records_.events.begin(), records_.events.end(), is_sight)) {
+    return fail(ErrorCode::no_match,
+                "no beacon could be looked at in any of {0} cycles (Sun, size or limiting magnitude; `astronav beacons` "
+                "says why)",
+                {static_cast<double>(cycles)}, "conops");
+  }
   records_.cycles = cycles;
   records_.begin = begin;
   records_.end = world_.trajectory().end();

@@ -141,6 +141,11 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
     return fail(ErrorCode::invalid_argument, "a thrust plan needs the state that it begins from: trajectory_file", {},
                 "mission.thrust_plan");
   }
+  if (world->trajectory_ && !with_thrust && s.truth.unloading.on) {
+    return fail(ErrorCode::invalid_argument,
+                "the trajectory of mission.trajectory_file is flown as it is, and thrusters' kicks cannot be added to it",
+                {}, "truth.unloading.on");
+  }
   if (!world->trajectory_ || with_thrust) {
     const auto forces = true_forces(s.truth.dynamics);
     if (!forces) return forward(forces);

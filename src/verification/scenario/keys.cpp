@@ -31,7 +31,7 @@ const std::array kKeys{
     TEXT(mission.to, "body reached after `days` (name or NAIF number)"),
     Key{FIELD(mission.departure), "", "epoch of departure, ISO 8601 with its scale; UTC where none is given", Member(MEMBER(mission.departure))},
     NUMBER(mission.days, "d", 1.0, 3000.0, "time of flight from departure to arrival; the cruise is flown from 3 days after the one to 3 days before the other"),
-    PATH(mission.trajectory_file, "SPK kernel or CCSDS OEM flown instead of a designed ballistic transfer; empty for none"),
+    PATH(mission.trajectory_file, "SPK kernel or CCSDS OEM flown instead of a designed ballistic transfer, as it is: without a thrust plan departure, days and the forces of truth.dynamics play no part; empty for none"),
     TEXT(mission.trajectory_body, "whose states to take from an SPK (name or NAIF number); empty where the file holds one body only"),
 
     PATH(mission.thrust_plan, "thrust plan (docs/formats.md) that is flown from the first state of `trajectory_file`; empty for none"),
@@ -44,7 +44,7 @@ const std::array kKeys{
     NUMBER(conops.image_period_s, "s", 1.0, 3600.0, "time between images inside a tracking window"),
     NUMBER(conops.slew_min, "min", 0.0, 1440.0, "time from the end of the first window to the start of the second"),
     NUMBER(conops.cycle_days, "d", 0.1, 100.0, "from the start of one navigation cycle to the start of the next"),
-    NUMBER(conops.first_window_day, "d", 0.0, 1000.0, "start of the first navigation cycle after departure"),
+    NUMBER(conops.first_window_day, "d", 0.0, 1000.0, "start of the first navigation cycle after the trajectory's begin (of a designed transfer: some days after departure, outside the planet's surroundings)"),
     NUMBER(conops.dither_px, "px", 0.0, 400.0, "offset of the pointing drawn for each image, 1 sigma per axis"),
     NUMBER(conops.sun_exclusion_deg, "deg", 0.0, 90.0, "smallest angle between the Sun and a beacon that is looked at"),
     NUMBER(conops.limiting_magnitude, "mag", -5.0, 15.0, "faintest beacon (V) that is looked at"),
@@ -95,7 +95,7 @@ const std::array kKeys{
     NUMBER(truth.gyro.bias_deg_h, "deg/h", 0.0, 1e5, "its bias when it is switched on: drawn anew for each cycle, 1 sigma an axis"),
     NUMBER(truth.gyro.jump_deg_h, "deg/h", 0.0, 1e6, "a fault: by how much the bias jumps, in any direction, when the slew between the two windows of a cycle begins; 0: none"),
 
-    SWITCH(truth.photocentre.on, "planets shine from their centre of light; false: from their centre of figure"),
+    SWITCH(truth.photocentre.on, "planets are lit discs, which shine from their centre of light; false: points in their centre of figure"),
     NUMBER(truth.photocentre.scale, "", 0.0, 3.0, "true displacement of the centre of light over that of a Lambert sphere, of all planets"),
     NUMBER(truth.photocentre.minnaert, "", 0.5, 1.5, "exponent of Minnaert's law by which discs are drawn about that centre; 1: Lambert's law, which the onboard software believes"),
     NUMBER(truth.photocentre.mercury, "", 0.0, 3.0, "times this for Mercury"),
