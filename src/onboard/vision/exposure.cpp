@@ -12,18 +12,15 @@
 namespace astronav::vision {
 namespace {
 
-constexpr int kSide = kMaxFitWindow + 1;  // of the picture of one spot
-// Where it stands beside the middle of a pixel: between there and the corner. Which pixels of a bright core are full,
-// and so what is left to measure, depends on that; of a full one the mean over the others is taken, too.
-constexpr std::array<Pixel, 6> kPlaces{
-    {{0.25, 0.25}, {-0.4, 0.1}, {0.05, -0.3}, {0.45, -0.45}, {-0.15, 0.4}, {-0.3, -0.1}}};
-constexpr double kMagStep = 0.5;  // stars are forecast in classes of so much
+constexpr int kSide = kMaxFitWindow + 1;                                     // of the picture of one spot
+constexpr Pixel kPlace{0.5 * (kSide - 1) + 0.25, 0.5 * (kSide - 1) + 0.25};  // between a pixel's middle and its corner
+constexpr double kMagStep = 0.5;                                             // stars are forecast in classes of so much
 constexpr double kBrightestClass = -2.0;
 
 using SpotPicture = std::array<float, static_cast<std::size_t>(kSide) * kSide>;
 
 // The light of one point, full pixels cut off; no noise.
-void draw(const SensorModel& sensor, const LocalPsf& psf, double flux_dn, Pixel place, SpotPicture& picture) {
+void draw(const SensorModel& sensor, const LocalPsf& psf, double flux_dn, SpotPicture& picture) {
   const auto& shape = psf.value;
   const double core = flux_dn / (1.0 + shape[LocalPsf::halo_share]);
   const std::array<double, 3> light{core, core * shape[LocalPsf::halo_share] * (1.0 - shape[LocalPsf::outer_share]),
@@ -32,8 +29,8 @@ void draw(const SensorModel& sensor, const LocalPsf& psf, double flux_dn, Pixel 
                                     LocalPsf::kOuterWidth * shape[LocalPsf::halo_width]};
   picture.fill(0.0f);
   for (std::size_t k = 0; k < light.size(); ++k) {
-    const double u = place.u + (k > 0 ? shape[LocalPsf::halo_u] : 0.0);
-    const double v = place.v + (k > 0 ? shape[LocalPsf::halo_v] : 0.0);
+    const double u = kPlace.u + (k > 0 ? shape[LocalPsf::halo_u] : 0.0);
+    const double v = kPlace.v + (k > 0 ? shape[LocalPsf::halo_v] : 0.0);
     std::array<double, kSide> along{}, down{};
     for (int i = 0; i < kSide; ++i) {
       const auto share = [&](double center) {
@@ -49,10 +46,12 @@ void draw(const SensorModel& sensor, const LocalPsf& psf, double flux_dn, Pixel 
   for (float& pixel : picture) pixel = std::min(pixel, static_cast<float>(sensor.saturation_dn));
 }
 
-SpotForecast forecast_at(Pixel place, const SensorModel& sensor, const LocalPsf& psf, double flux_dn, double noise_dn) {
+}  // namespace
+
+SpotForecast forecast_spot(const SensorModel& sensor, const LocalPsf& psf, double flux_dn, double noise_dn) {
   SpotForecast out;
   SpotPicture picture;
-  draw(sensor, psf, flux_dn, place, picture);
+  draw(sensor, psf, flux_dn, picture);
   // A saturated core is as wide as it is high: the middle row tells.
   constexpr int kMiddle = kSide / 2;
   int core = 0;
@@ -65,34 +64,13 @@ SpotForecast forecast_at(Pixel place, const SensorModel& sensor, const LocalPsf&
   const int reach = psf.reach_px() + (out.saturated ? core + 1 : 0);
   if (2 * reach + 1 > kMaxFitWindow) return out;
   const Window window{kMiddle - reach, kMiddle - reach, kMiddle + reach, kMiddle + reach};
-  const LocalLevel level{.at = place, .noise_dn = noise_dn};
+  const LocalLevel level{.at = kPlace, .noise_dn = noise_dn};
   const ImageView<const float> image(picture.data(), kSide, kSide);
-  const PsfFit fit = fit_psf(image, window, place, level, sensor, psf);
+  const PsfFit fit = fit_psf(image, window, kPlace, level, sensor, psf);
   if (!fit.converged) return out;
   out.measured = true;
   out.sigma_px = std::sqrt(0.5 * fit.noise_px2.trace());
   out.repeating_px = fit.saturated ? repeating_sigma(fit) : fit.repeating_sigma_px;
-  return out;
-}
-
-}  // namespace
-
-SpotForecast forecast_spot(const SensorModel& sensor, const LocalPsf& psf, double flux_dn, double noise_dn) {
-  constexpr double kMiddle = 0.5 * (kSide - 1);
-  SpotForecast out;
-  double noise2 = 0.0, repeating2 = 0.0;
-  int measured = 0;
-  for (const Pixel& beside : kPlaces) {
-    const SpotForecast one = forecast_at({kMiddle + beside.u, kMiddle + beside.v}, sensor, psf, flux_dn, noise_dn);
-    if (&beside == kPlaces.data()) out = one;
-    if (!out.saturated || !out.measured) return out;
-    if (!one.measured) continue;
-    noise2 += one.sigma_px * one.sigma_px;
-    repeating2 += one.repeating_px * one.repeating_px;
-    ++measured;
-  }
-  out.sigma_px = std::sqrt(noise2 / measured);
-  out.repeating_px = std::sqrt(repeating2 / measured);
   return out;
 }
 

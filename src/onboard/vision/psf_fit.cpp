@@ -191,7 +191,9 @@ PsfFit fit_saturated(Patch& patch, Pixel guess, const SensorModel& sensor, const
   if (!is_odd(fit) || !about.solution().allFinite() || !set_strangers_aside(patch, about.excess(), fit.pixel))
     return inflated(fit);
   const PsfFit alone = about.run(guess, psf, nullptr);
-  if (!is_better(alone, fit)) return inflated(fit);
+  // What a disc has beyond a point is no stranger's.
+  constexpr double kWiderThanAPoint = 1.15;
+  if (!is_better(alone, fit) || alone.sigma_px > kWiderThanAPoint * psf.sigma_px()) return inflated(fit);
   if (evidence != nullptr) *evidence = {};
   return inflated(alone);
 }
@@ -245,7 +247,9 @@ PsfFit fit_psf_of_disc(ImageView<const std::uint16_t> image, const Window& windo
     return fit;
   };
   const PsfFit fit = settle(guess, evidence);
-  if (!is_odd(fit) || !about.solution().allFinite() || !set_strangers_aside(as_spot, about.excess(), fit.pixel))
+  const bool small = disc.radius_px < kMostAmongStrangersPx;
+  if (!small || !is_odd(fit) || !about.solution().allFinite() ||
+      !set_strangers_aside(as_spot, about.excess(), fit.pixel))
     return inflated(fit);
   const PsfFit alone = settle(guess, nullptr);
   if (!is_better(alone, fit)) return inflated(fit);

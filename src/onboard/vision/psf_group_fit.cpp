@@ -310,7 +310,8 @@ PsfFit fit_psf_beside(ImageView<const std::uint16_t> image, const Window& window
   patch.load(image, window, level, sensor);
   GroupFitter about(patch, sensor, psf, flux_dn, disc, beside);
   const PsfFit fit = about.run(guess);
-  if (!is_odd(fit) || !about.as_believed() || !set_strangers_aside(patch, about.excess(), about.solved()))
+  const bool small = disc.radius_px < kMostAmongStrangersPx;
+  if (!small || !is_odd(fit) || !about.as_believed() || !set_strangers_aside(patch, about.excess(), about.solved()))
     return inflated(fit);
   const PsfFit alone = about.run(guess);
   return inflated(is_better(alone, fit) ? alone : fit);

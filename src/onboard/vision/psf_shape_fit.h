@@ -49,10 +49,10 @@ inline constexpr double kBlendChi2 = 2.5;
 // did better without them. What a window with strangers tells of the point-spread function is not learned.
 inline bool is_odd(const PsfFit& fit) {
   constexpr double kMostChi2 = 100.0;
-  return (!fit.converged || fit.chi2_per_dof > kBlendChi2) && fit.chi2_per_dof < kMostChi2;
+  return fit.converged && fit.chi2_per_dof > kBlendChi2 && fit.chi2_per_dof < kMostChi2;
 }
 inline bool is_better(const PsfFit& alone, const PsfFit& before) {
-  return alone.converged && (!before.converged || alone.chi2_per_dof < before.chi2_per_dof);
+  return alone.converged && alone.chi2_per_dof < before.chi2_per_dof;
 }
 // Then the covariance grows with it: not as this image's noise, since most of what is there will be there in the next.
 PsfFit inflated(PsfFit fit);
@@ -60,6 +60,7 @@ PsfFit inflated(PsfFit fit);
 // Sets aside (counts = 0) what lies about pixels that hold much more light than the model of the body at `body`, and
 // are not near it: a star that nobody listed, a proton. `excess`: light less model, in sigmas. False, and nothing set
 // aside: there is none, or so much that the model must be wrong.
+inline constexpr double kMostAmongStrangersPx = 1.5;  // the radius of a disc whose own limb is not taken for one
 bool set_strangers_aside(Patch& patch, const WindowLight& excess, Pixel body);
 
 class ShapeFit {
