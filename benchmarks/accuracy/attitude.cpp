@@ -4,6 +4,7 @@
 // [only cases whose name contains this].
 #include <fmt/format.h>
 
+#include "benchmarks/accuracy/arguments.h"
 #include "benchmarks/accuracy/rendered_sky.h"
 #include "foundation/math/statistics.h"
 
@@ -95,7 +96,7 @@ void run(const Case& c, int frames) {
 
 int main(int argc, char** argv) {
   using namespace astronav::accuracy;
-  const int frames = argc > 1 ? std::atoi(argv[1]) : 2000;
+  const int frames = count_of(argc, argv, 1, "frames", 2000);
   const std::string only = argc > 2 ? argv[2] : "";
   for (const Case& c :
        {Case{"20deg, V 7", 7.0, 0.4, 0.4, 3.0, 0.6, 4.0}, Case{"20deg, V 8", 8.0, 0.4, 0.4, 3.0, 0.6, 4.0},

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "benchmarks/accuracy/arguments.h"
 #include "benchmarks/accuracy/cold_start_flight.h"
 #include "foundation/files/mapped_file.h"
 #include "simulator/transfer/ballistic.h"
@@ -42,7 +43,7 @@ void report(const char* name, const cold_start::Pool& pool) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const int starts = argc > 1 ? std::atoi(argv[1]) : 240;
+  const int starts = astronav::accuracy::count_of(argc, argv, 1, "starts", 240);
   const auto file = MappedFile::open(home_directory() / "data/de405_2000_2050.bsp");
   if (!file) return 2;
   const auto ephemeris = Ephemeris::open(file->bytes());

@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include "benchmarks/accuracy/arguments.h"
 #include "verification/loop/mission.h"
 #include "verification/loop/summary.h"
 #include "verification/scenario/scenario.h"
@@ -47,11 +48,11 @@ double add(const loop::Records& records, std::vector<Cycle>& cycles) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const int seeds = argc > 1 ? std::atoi(argv[1]) : 20;
+  const int seeds = astronav::accuracy::count_of(argc, argv, 1, "seeds", 20);
   const std::string day = argc > 2 ? argv[2] : "1";
   const std::string level = argc > 3 ? argv[3] : "sil";
   std::vector<Cycle> cold(kCycles), primed(kCycles);
-  const int first = argc > 4 ? std::atoi(argv[4]) : 1;
+  const int first = astronav::accuracy::count_of(argc, argv, 4, "first seeds", 1);
   int started = 0, wrong = 0, wrong_with_prior = 0, late = 0;
   for (int seed = first; seed < first + seeds; ++seed) {
     for (const bool from_nothing : {true, false}) {

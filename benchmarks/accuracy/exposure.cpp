@@ -5,12 +5,13 @@
 
 #include <fmt/format.h>
 
+#include "benchmarks/accuracy/arguments.h"
 #include "benchmarks/accuracy/exposure_ladder.h"
 
 int main(int argc, char** argv) {
   using namespace astronav;
-  const int windows = argc > 1 ? std::atoi(argv[1]) : 12;
-  const int images = argc > 2 ? std::atoi(argv[2]) : 12;
+  const int windows = astronav::accuracy::count_of(argc, argv, 1, "windows", 12);
+  const int images = astronav::accuracy::count_of(argc, argv, 2, "images", 12);
   accuracy::ExposureLadder ladder;
   for (const double v_mag : {-5.0, -3.5, -2.0, 0.0, 2.0, 4.0, 5.5}) {
     double chosen = 0.0;

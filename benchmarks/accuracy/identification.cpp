@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "benchmarks/accuracy/arguments.h"
 #include "benchmarks/accuracy/spot_sky.h"
 #include "foundation/math/statistics.h"
 
@@ -95,7 +96,7 @@ void print(const Case& c, const Tally& t) {
 }
 
 int main_of(int argc, char** argv) {
-  const int pointings = argc > 1 ? std::atoi(argv[1]) : 2000;
+  const int pointings = count_of(argc, argv, 1, "pointings", 2000);
   const char* only = argc > 2 ? argv[2] : "";
   const MappedFile file = MappedFile::open(home_directory() / "data/hipparcos.stars").value();
   const StarCatalogue catalogue = StarCatalogue::open(file.bytes()).value();

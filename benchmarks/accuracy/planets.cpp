@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "benchmarks/accuracy/arguments.h"
 #include "benchmarks/accuracy/rendered_sky.h"
 #include "foundation/math/statistics.h"
 #include "models/photometry/photometry.h"
@@ -264,7 +265,7 @@ void print(const std::string& name, double prior_km, const Tally& t) {
 int main(int argc, char** argv) {
   using namespace astronav::accuracy;
   using astronav::BodyId;
-  const int frames = argc > 1 ? std::atoi(argv[1]) : 2000;
+  const int frames = count_of(argc, argv, 1, "frames", 2000);
   std::vector<double> priors{100e3, 1000e3};
   if (argc > 2) priors = {std::atof(argv[2])};
   for (const double prior_km : priors) {

@@ -113,6 +113,8 @@ Result<void> read_epochs_and_observer(const Options& options, Inputs& in) {
     if (!epoch) return forward(epoch, "--epoch");
     in.frames[k].epoch = *epoch;
   }
+  if (options.observer.empty() && !options.kernels.empty())
+    return fail(ErrorCode::invalid_argument, "kernels say where an --observer is, and none is given", {}, "--kernel");
   if (options.observer.empty()) return {};
   if (options.epochs.empty())
     return fail(ErrorCode::invalid_argument, "an observer is somewhere only at an --epoch", {}, "--observer");
@@ -123,6 +125,9 @@ Result<void> read_epochs_and_observer(const Options& options, Inputs& in) {
   const auto observer = parse_observer(options.observer, in.kernels);
   if (!observer) return forward(observer, "--observer");
   for (opensky::CalibrationFrame& frame : in.frames) {
+    const auto warning = daylight_warning(options.observer, *frame.epoch, in.kernels->ephemeris);
+    if (!warning) return forward(warning);
+    if (*warning) fmt::print(stderr, "astronav: {}\n", **warning);
     const auto state = (*observer)(*frame.epoch);
     if (!state) return forward(state, "--observer");
     frame.observer = *state;
@@ -144,6 +149,9 @@ Result<void> read_pictures(const Options& options, Inputs& in) {
   }
   for (const std::string& image : options.images) {
     auto picture = read_picture(image, layout);
+    if (!picture && Epoch::parse(image))
+      return fail(ErrorCode::invalid_argument, "an epoch where a picture is expected: --epoch takes EPOCH,EPOCH,...",
+                  {}, image);
     if (!picture) return forward(picture, image);
     in.pictures.push_back(std::move(*picture));
     const ImageF& pixels = in.pictures.back().pixels;
@@ -324,6 +332,7 @@ Result<int> run(const Options& options) {
   in.frames.resize(options.images.size());
   if (const auto read = read_camera_and_field(options, in); !read) return forward(read);
   if (const auto read = read_epochs_and_observer(options, in); !read) return forward(read);
+  if (const auto ending = check_ending(options.out, {".toml"}, "--out"); !ending) return forward(ending);
   if (const auto writable = check_writable({options.out}); !writable) return forward(writable);
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);
@@ -362,8 +371,11 @@ void add_calibrate(CLI::App& app, Invocation& invocation) {
   camera->add_flag("--fisheye", options->fisheye, "an all-sky camera");
   camera->add_option("--fov", options->fov, "MIN:MAX, horizontal field of view in degrees");
   camera->add_option("--near", options->near, "RA,DEC,RADIUS in degrees: the centre lies there");
-  camera->add_option("--epoch", options->epochs, "middle of the exposure: one for all images, or one each")
-      ->allow_extra_args(false);
+  camera
+      ->add_option("--epoch", options->epochs,
+                   "middle of the exposure: one for all images, or EPOCH,EPOCH,... one each")
+      ->allow_extra_args(false)
+      ->delimiter(',');
   camera->add_option("--observer", options->observer,
                      "as for `solve`: aberration and planets; ground: refraction and zenith too");
   camera->add_option("--raw", options->raw, "WIDTHxHEIGHT,u16le,OFFSET");

@@ -103,9 +103,11 @@ void add_centroids(CLI::App& app, Invocation& invocation) {
   CLI::App* sub = app.add_subcommand("centroids", "what the image processing sees before identification");
   sub->footer("Example:\n  astronav centroids frame.fits --camera extrema-20deg --json");
   sub->add_option("image", options->image, "PNG, TIFF, JPEG, FITS or raw frame")->required();
-  sub->add_option("--camera", options->camera, "as the flight software sees it through this camera (file or name)");
+  CLI::Option* camera =
+      sub->add_option("--camera", options->camera, "as the flight software sees it through this camera (file or name)");
   sub->add_option("--method", options->method, "with --camera: psf-fit or squares")
       ->check(CLI::IsMember({"psf-fit", "squares"}))
+      ->needs(camera)
       ->capture_default_str();
   sub->add_option("--sigma", options->sigma, "threshold above the background, in its noise")
       ->check(number_within(1.0, 1e6))

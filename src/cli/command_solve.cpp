@@ -85,6 +85,8 @@ Result<Request> read_request(const Options& options) {
     if (!epoch) return forward(epoch, "--epoch");
     request.solve.epoch = *epoch;
   }
+  if (options.observer.empty() && !options.kernels.empty())
+    return fail(ErrorCode::invalid_argument, "kernels say where an --observer is, and none is given", {}, "--kernel");
   if (!options.observer.empty()) {
     if (!request.solve.epoch)
       return fail(ErrorCode::invalid_argument, "an observer is somewhere only at an --epoch", {}, "--observer");
@@ -97,6 +99,9 @@ Result<Request> read_request(const Options& options) {
     if (!state) return forward(state, "--observer");
     request.solve.observer = *state;
     request.solve.ephemeris = &request.kernels->ephemeris;
+    const auto warning = daylight_warning(options.observer, *request.solve.epoch, request.kernels->ephemeris);
+    if (!warning) return forward(warning);
+    if (*warning) fmt::print(stderr, "astronav: {}\n", **warning);
     const auto air = parse_air(options.observer, *request.solve.epoch);
     if (!air) return forward(air);
     if (*air) {
@@ -126,9 +131,12 @@ Json to_json(const std::string& image, const opensky::Solution& s, double read_m
   out["plate_scale_arcsec"] = a.intrinsics.plate_scale_rad_px() / kArcsecond;
   out["q_NC"] = {{"w", q.w}, {"x", q.x}, {"y", q.y}, {"z", q.z}};
   out["attitude_sigma_arcsec"] = {{"x", sigma.x()}, {"y", sigma.y()}, {"z", sigma.z()}};
+  const Vec3 at_center = s.center_covariance_rad2.diagonal().cwiseSqrt() / kArcsecond;
+  out["center_sigma_arcsec"] = {{"right", at_center.y()}, {"down", at_center.x()}, {"roll", at_center.z()}};
   out["parity"] = s.mirrored ? "mirrored" : "direct";
   out["chance_probability"] = a.chance_probability;
   out["focal_px"] = a.intrinsics.fx_px;
+  out["aspect"] = a.intrinsics.fy_px / a.intrinsics.fx_px;
   const Distortion& d = a.intrinsics.distortion;
   out["principal_point_px"] = {{"u", a.intrinsics.cx_px}, {"v", a.intrinsics.cy_px}};
   out["distortion"] = {{"k1", d.k1}, {"k2", d.k2}, {"k3", d.k3}, {"p1", d.p1}, {"p2", d.p2}};
@@ -175,14 +183,17 @@ Json to_json(const std::string& image, const opensky::Solution& s, double read_m
 
 void tell(const std::string& image, const opensky::Solution& s) {
   const Pointing center = opensky::center_pointing(s);
-  const Vec3 sigma = s.attitude.covariance_rad2.diagonal().cwiseSqrt() / kArcsecond;
+  const Vec3 sigma = s.center_covariance_rad2.diagonal().cwiseSqrt() / kArcsecond;
   fmt::print("{}: RA {:.4f} Dec {:+.4f} roll {:.3f} deg, field {:.3f} x {:.3f} deg{}\n", image, center.ra_rad / kDegree,
              center.dec_rad / kDegree, center.roll_rad / kDegree,
              s.attitude.intrinsics.field_of_view_horizontal_rad() / kDegree,
              s.attitude.intrinsics.field_of_view_vertical_rad() / kDegree, s.mirrored ? ", mirrored" : "");
   fmt::print(
-      "  {} of {} spots are stars, rms {:.2f} px, sigma {:.1f} {:.1f} {:.1f} arcsec, by chance {:.0e}, {:.2f} s\n",
-      s.stars.size(), s.detected, s.attitude.residual_rms_px, sigma.x(), sigma.y(), sigma.z(),
+      "  {} of {} spots are stars, rms {:.2f} px; sigma of the middle {:.2f} {:.2f}, of roll {:.1f} arcsec{}; by "
+      "chance "
+      "{:.0e}; {:.2f} s\n",
+      s.stars.size(), s.detected, s.attitude.residual_rms_px, sigma.y(), sigma.x(), sigma.z(),
+      s.aberration_corrected ? "" : " beside aberration (up to 21 on the Earth: --epoch and --observer remove it)",
       s.attitude.chance_probability, s.time_ms.total / 1e3);
   for (const opensky::SolvedPlanet& p : s.planets)
     fmt::print("  {} at ({:.2f}, {:.2f}) px, predicted ({:.2f}, {:.2f}), magnitude {:.1f} (predicted {:.1f})\n",
@@ -193,8 +204,8 @@ void tell(const std::string& image, const opensky::Solution& s) {
 Result<void> write_files(const Options& options, const Picture& picture, const opensky::Solution& solution) {
   if (!options.wcs.empty()) {
     const vision::AttitudeSolution& a = solution.attitude;
-    const auto stored =
-        write_fits(options.wcs, picture.pixels.view(), wcs_cards(a.intrinsics, a.R_CN, solution.mirrored));
+    const auto stored = write_fits(options.wcs, picture.pixels.view(),
+                                   wcs_cards(a.intrinsics, a.R_CN, solution.mirrored), picture.header_cards);
     if (!stored) return forward(stored, options.wcs);
   }
   if (!options.picture.empty()) {
@@ -213,6 +224,10 @@ Result<int> run(const Options& options) {
     return fail(ErrorCode::invalid_argument, "one image for one file", {}, options.wcs.empty() ? "--picture" : "--wcs");
   if (const auto ending = check_ending(options.wcs, {".fits", ".fit"}, "--wcs"); !ending) return forward(ending);
   if (const auto ending = check_ending(options.picture, {".png"}, "--picture"); !ending) return forward(ending);
+  for (const std::string& image : options.images) {
+    if (const auto apart = check_apart(options.wcs, image, "--wcs"); !apart) return forward(apart);
+    if (const auto apart = check_apart(options.picture, image, "--picture"); !apart) return forward(apart);
+  }
   if (const auto writable = check_writable({options.wcs, options.picture}); !writable) return forward(writable);
   const auto catalogue = open_catalogue(options.catalogue);
   if (!catalogue) return forward(catalogue);
@@ -229,7 +244,10 @@ Result<int> run(const Options& options) {
       // What the arguments and the picture's size disagree about is the caller's mistake, not the sky's.
       const bool no_match = solution.error().code == ErrorCode::no_match;
       (no_match ? unmatched : unreadable) = true;
-      const std::string message = describe(solution.error());
+      std::string message = describe(solution.error());
+      if (no_match && !(options.fov.empty() && options.near.empty() && options.camera.empty()))
+        message += fmt::format(" (looked for within{}{}{} only)", options.fov.empty() ? "" : " --fov",
+                               options.near.empty() ? "" : " --near", options.camera.empty() ? "" : " --camera");
       if (options.json) {
         Json out;
         out["image"] = image;

@@ -166,6 +166,19 @@ Result<std::optional<Air>> parse_air(std::string_view observer, Epoch epoch) {
   return Air{zenith, Refraction({.pressure_hpa = pressure_hpa}, zenith)};
 }
 
+Result<std::optional<std::string>> daylight_warning(std::string_view observer, Epoch epoch,
+                                                    const Ephemeris& ephemeris) {
+  const auto air = parse_air(observer, epoch);
+  if (!air) return forward(air);
+  if (!*air) return std::optional<std::string>();
+  const auto sun = ephemeris.state(body::sun, body::earth, epoch);
+  if (!sun) return forward(sun);
+  const double altitude_rad = 0.5 * kPi - angle_between((*air)->zenith_N, sun->p_m);
+  if (altitude_rad < 0.0) return std::optional<std::string>();
+  return std::optional(fmt::format("the Sun stands {:.0f} degrees high for this --observer at this --epoch: is it UTC?",
+                                   altitude_rad / kDegree));
+}
+
 Result<Observer> parse_observer(std::string_view text, std::shared_ptr<const Kernels> kernels) {
   text = trimmed(text);
   const auto rest_after = [&](std::string_view prefix) { return text.substr(prefix.size()); };

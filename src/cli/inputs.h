@@ -62,6 +62,10 @@ struct Air {
 };
 Result<std::optional<Air>> parse_air(std::string_view observer, Epoch epoch);
 
+// What a user should hear who says that a picture of stars was taken where and when the Sun is up: an hour of another
+// time zone, mostly. Nothing where all is well, or the observer does not stand on the ground.
+Result<std::optional<std::string>> daylight_warning(std::string_view observer, Epoch epoch, const Ephemeris& ephemeris);
+
 // `RA,DEC,ROLL` in degrees.
 Result<Pointing> parse_pointing(std::string_view text);
 

@@ -163,9 +163,11 @@ TEST_F(CommandOutput, CentroidsAndSolve) {
                  "plate_scale_arcsec",
                  "q_NC",
                  "attitude_sigma_arcsec",
+                 "center_sigma_arcsec",
                  "parity",
                  "chance_probability",
                  "focal_px",
+                 "aspect",
                  "principal_point_px",
                  "distortion",
                  "epoch_tdb",
@@ -182,6 +184,7 @@ TEST_F(CommandOutput, CentroidsAndSolve) {
                 chapter_name);
   expect_fields(s["q_NC"], {"w", "x", "y", "z"}, chapter_name);
   expect_fields(s["attitude_sigma_arcsec"], {"x", "y", "z"}, chapter_name);
+  expect_fields(s["center_sigma_arcsec"], {"right", "down", "roll"}, chapter_name);
   expect_fields(s["distortion"], {"k1", "k2", "k3", "p1", "p2"}, chapter_name);
   expect_fields(s["time_ms"], {"read", "centroid", "lists", "identify", "attitude", "planets", "total"}, chapter_name);
   ASSERT_GT(s["stars"].size(), 10u);

@@ -37,9 +37,10 @@ struct Fits {
 };
 
 struct Geometry {
+  static constexpr int kMostAxes = 9;
   int bitpix = 0;
   int axes = 0;
-  long size[3] = {0, 0, 0};
+  long size[kMostAxes] = {};
 };
 
 // Text of a card's value without quotes and padding.
@@ -51,18 +52,20 @@ std::string plain_value(std::string value) {
   return value;
 }
 
-void read_header(fitsfile* file, std::map<std::string, std::string>& header) {
+void read_header(fitsfile* file, Picture& picture) {
   int status = 0;
   int cards = 0;
   fits_get_hdrspace(file, &cards, nullptr, &status);
   for (int i = 1; i <= cards && status == 0; ++i) {
+    char card[FLEN_CARD] = "";
     char key[FLEN_CARD] = "";
     char value[FLEN_CARD] = "";
     char comment[FLEN_CARD] = "";
     int one = 0;
+    if (fits_read_record(file, i, card, &status) == 0) picture.header_cards.emplace_back(card);
     if (fits_read_keyn(file, i, key, value, comment, &one) != 0) continue;
     if (key[0] != '\0' && std::strcmp(key, "COMMENT") != 0 && std::strcmp(key, "HISTORY") != 0) {
-      header[key] = plain_value(value);
+      picture.header[key] = plain_value(value);
     }
   }
   fits_clear_errmsg();
@@ -89,7 +92,7 @@ Result<Picture> read_fits(Bytes file, const ReadLimits& limits) {
     int type = 0;
     fits_get_hdu_type(fits.file, &type, &status);
     if (status == 0 && type == IMAGE_HDU) {
-      fits_get_img_param(fits.file, 3, &geometry.bitpix, &geometry.axes, geometry.size, &status);
+      fits_get_img_param(fits.file, Geometry::kMostAxes, &geometry.bitpix, &geometry.axes, geometry.size, &status);
       if (status == 0 && geometry.axes >= 2) break;
     }
     if (status != 0) return broken(status);
@@ -103,8 +106,11 @@ Result<Picture> read_fits(Bytes file, const ReadLimits& limits) {
   if (const auto within = check_size(static_cast<double>(width), static_cast<double>(height), limits); !within) {
     return forward(within);
   }
-  const int colours = geometry.axes == 3 && geometry.size[2] == 3 ? 3 : 1;
-  if (geometry.axes > 3 || (geometry.axes == 3 && geometry.size[2] != 1 && colours != 3)) {
+  const int colours = geometry.axes >= 3 && geometry.size[2] == 3 ? 3 : 1;
+  bool flat = geometry.axes <= Geometry::kMostAxes;
+  for (int axis = colours == 3 ? 3 : 2; axis < std::min(geometry.axes, Geometry::kMostAxes); ++axis)
+    flat = flat && geometry.size[axis] == 1;
+  if (!flat) {
     return fail(ErrorCode::unsupported, "this FITS file holds a cube; a picture or three colours are read");
   }
 
@@ -126,29 +132,30 @@ Result<Picture> read_fits(Bytes file, const ReadLimits& limits) {
 
   Picture picture;
   picture.pixels = ImageF(static_cast<int>(width), static_cast<int>(height));
-  std::vector<float> row(static_cast<std::size_t>(width));
+  std::vector<double> row(static_cast<std::size_t>(width));
+  double largest = 0.0;
   for (int plane = 1; plane <= colours; ++plane) {
     for (long y = 1; y <= height; ++y) {
-      long first[3] = {1, y, plane};
-      float null_value = 0.0f;  // blank and undefined pixels read as zero
-      fits_read_pix(fits.file, TFLOAT, first, width, &null_value, row.data(), nullptr, &status);
+      long first[Geometry::kMostAxes] = {1, y, plane, 1, 1, 1, 1, 1, 1};
+      double null_value = 0.0;  // blank and undefined pixels read as zero
+      fits_read_pix(fits.file, TDOUBLE, first, width, &null_value, row.data(), nullptr, &status);
       if (status != 0) return broken(status);
       float* out = picture.pixels.row(static_cast<int>(height - y));
       for (long u = 0; u < width; ++u) {
-        const float value = row[static_cast<std::size_t>(u)];
-        out[u] += (std::isfinite(value) ? value : 0.0f) / static_cast<float>(colours);
+        const double value = row[static_cast<std::size_t>(u)];
+        if (!std::isfinite(value)) continue;
+        largest = std::max(largest, std::abs(value));
+        out[u] += static_cast<float>(value) / static_cast<float>(colours);
       }
     }
   }
   // Squares of pixels must stay within single precision.
   constexpr double kLeast = 1e-9, kMost = 1e24;
-  double largest = 0.0;
-  for (const float value : picture.pixels.pixels()) largest = std::max(largest, std::abs(static_cast<double>(value)));
   if (largest > kMost || (largest > 0.0 && largest < kLeast)) {
     return fail(ErrorCode::unsupported, "the largest value of this FITS picture is {0}; from {1} to {2} can be read",
                 {largest, kLeast, kMost});
   }
-  read_header(fits.file, picture.header);
+  read_header(fits.file, picture);
 
   int equivalent = 0;
   fits_get_img_equivtype(fits.file, &equivalent, &status);
@@ -181,9 +188,26 @@ struct Memory {
   ~Memory() { std::free(bytes); }
 };
 
+// Whether a card of another picture's header still holds: not what says how pixels are stored or where they lie on the
+// sky, which is another's now.
+bool still_holds(const std::string& card, const std::vector<FitsCard>& anew) {
+  std::string key = card.substr(0, 8);
+  key.erase(key.find_last_not_of(' ') + 1);
+  char text[FLEN_CARD] = "";
+  card.copy(text, FLEN_CARD - 1);
+  const int type = fits_get_keyclass(text);
+  if (type == TYP_STRUC_KEY || type == TYP_CMPRS_KEY || type == TYP_SCAL_KEY || type == TYP_NULL_KEY ||
+      type == TYP_CKSUM_KEY || type == TYP_WCS_KEY || type == TYP_DIM_KEY || key == "EXTNAME")
+    return false;
+  // SIP, which CFITSIO does not count among world coordinates: A_0_2, BP_ORDER, A_DMAX.
+  for (const char* prefix : {"A_", "B_", "AP_", "BP_"})
+    if (key.starts_with(prefix)) return false;
+  return std::none_of(anew.begin(), anew.end(), [&](const FitsCard& c) { return c.key == key; });
+}
+
 template <typename Sample>
 Result<void> write(const std::filesystem::path& path, ImageView<const Sample> image, const std::vector<FitsCard>& cards,
-                   int image_type, int sample_type) {
+                   const std::vector<std::string>& kept, int image_type, int sample_type) {
   if (image.width() < 1 || image.height() < 1) {
     return fail(ErrorCode::invalid_argument, "an empty picture cannot be written as FITS", {}, path.string());
   }
@@ -197,6 +221,11 @@ Result<void> write(const std::filesystem::path& path, ImageView<const Sample> im
     fits_create_memfile(&fits.file, &memory.bytes, &memory.size, 2880 * 256, std::realloc, &status);
     long axes[2] = {image.width(), image.height()};
     fits_create_img(fits.file, image_type, 2, axes, &status);
+    bool holds = false;
+    for (const std::string& card : kept) {
+      if (!card.starts_with("CONTINUE")) holds = still_holds(card, cards);  // else it goes on with the card before
+      if (status == 0 && holds) fits_write_record(fits.file, card.c_str(), &status);
+    }
     for (const FitsCard& card : cards) {
       if (status != 0) break;
       const char* comment = card.comment.empty() ? nullptr : card.comment.c_str();
@@ -226,12 +255,12 @@ Result<void> write(const std::filesystem::path& path, ImageView<const Sample> im
 }  // namespace raster
 
 Result<void> write_fits(const std::filesystem::path& path, ImageView<const std::uint16_t> image,
-                        const std::vector<FitsCard>& cards) {
-  return raster::write(path, image, cards, USHORT_IMG, TUSHORT);
+                        const std::vector<FitsCard>& cards, const std::vector<std::string>& kept) {
+  return raster::write(path, image, cards, kept, USHORT_IMG, TUSHORT);
 }
 Result<void> write_fits(const std::filesystem::path& path, ImageView<const float> image,
-                        const std::vector<FitsCard>& cards) {
-  return raster::write(path, image, cards, FLOAT_IMG, TFLOAT);
+                        const std::vector<FitsCard>& cards, const std::vector<std::string>& kept) {
+  return raster::write(path, image, cards, kept, FLOAT_IMG, TFLOAT);
 }
 
 }  // namespace astronav

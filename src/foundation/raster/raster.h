@@ -31,6 +31,7 @@ struct Picture {
   double white_level = 65535;  // largest value that the format can hold (255, 65535; FITS float: largest found)
   int bits = 16;
   std::map<std::string, std::string> header;  // FITS keywords, values as text
+  std::vector<std::string> header_cards;      // the same as they stand in the file, comments and history with them
 };
 
 struct ReadLimits {
@@ -53,9 +54,11 @@ struct FitsCard {
   std::optional<double> number;
   std::string comment;
 };
+// `kept`: whole cards of another picture's header, written before `cards`. Those that say how its pixels are stored,
+// and what `cards` say anew, are left out.
 Result<void> write_fits(const std::filesystem::path& path, ImageView<const std::uint16_t> image,
-                        const std::vector<FitsCard>& cards);
+                        const std::vector<FitsCard>& cards, const std::vector<std::string>& kept = {});
 Result<void> write_fits(const std::filesystem::path& path, ImageView<const float> image,
-                        const std::vector<FitsCard>& cards);
+                        const std::vector<FitsCard>& cards, const std::vector<std::string>& kept = {});
 
 }  // namespace astronav

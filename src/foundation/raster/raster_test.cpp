@@ -229,6 +229,36 @@ TEST_F(Raster, JpegGreyAndColour) {
   }
 }
 
+TEST_F(Raster, AnotherPicturesHeaderIsKeptWhereItStillHolds) {
+  const auto text = [](const char* key, const std::string& value) {
+    return FitsCard{.key = key, .text = value, .number = {}, .comment = ""};
+  };
+  const std::string letter(100, 'x');
+  ASSERT_TRUE(write_fits(file("a.fits"), ramp(9, 5),
+                         {text("OBJECT", "O'Neil"),
+                          text("LETTER", letter),
+                          text("CTYPE1", "RA---TAN"),
+                          {.key = "CRVAL1", .text = {}, .number = 5.0, .comment = ""},
+                          {.key = "A_ORDER", .text = {}, .number = 2.0, .comment = ""},
+                          {.key = "GAIN", .text = {}, .number = 1.5, .comment = "e/DN"}}));
+  const Result<Picture> first = read_picture(file("a.fits"));
+  ASSERT_TRUE(first) << describe(first.error());
+  // Other pixels, another place on the sky.
+  ASSERT_TRUE(write_fits(file("b.fits"), ImageF(4, 3, 1.5f),
+                         {{.key = "CRVAL1", .text = {}, .number = 7.0, .comment = ""}}, first->header_cards));
+  const Result<Picture> second = read_picture(file("b.fits"));
+  ASSERT_TRUE(second) << describe(second.error());
+  EXPECT_EQ(second->pixels.width(), 4);
+  EXPECT_EQ(second->pixels(1, 1), 1.5f);
+  EXPECT_EQ(second->header.at("OBJECT"), first->header.at("OBJECT"));
+  EXPECT_EQ(second->header.at("GAIN"), "1.5");
+  EXPECT_EQ(std::stod(second->header.at("CRVAL1")), 7.0);
+  EXPECT_FALSE(second->header.contains("CTYPE1"));
+  EXPECT_FALSE(second->header.contains("A_ORDER"));
+  EXPECT_EQ(second->header.at("BITPIX"), "-32");
+  EXPECT_NE(bytes_of(file("b.fits")).find("CONTINUE  'xxx"), std::string::npos);
+}
+
 TEST_F(Raster, FitsRoundTripWithTheTopRowLast) {
   const std::vector<FitsCard> cards = {{.key = "CRPIX1", .text = {}, .number = 512.25, .comment = "a number"},
                                        {.key = "CTYPE1", .text = "RA---TAN", .number = {}, .comment = ""},

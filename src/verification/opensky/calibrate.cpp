@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <set>
 
 #include "foundation/math/statistics.h"
 #include "verification/opensky/calibrate_fisheye.h"
@@ -19,6 +20,7 @@ constexpr double kPlanetMag = 6.5;                               // brighter one
 constexpr double kPlanetRadiusPx = 10.0;
 constexpr double kSeenRadiusPx = 5.0;
 constexpr std::size_t kMaxSpots = 1500;
+constexpr int kLeastStars = 6;  // of a picture, that agree with the others' camera
 
 // In order of their number of parameters.
 constexpr std::array<LensFreedom, 13> kModels{{{},
@@ -44,6 +46,7 @@ struct View {
   std::vector<SkyStar> sky;
   std::vector<SkyPlanet> planets;
   Mat3 R_CN = Mat3::Identity();
+  std::vector<StarMatch> named;  // as recognised
 };
 
 // Which star and spot an observation is.
@@ -140,6 +143,7 @@ class Calibrator {
         continue;
       }
       View view = view_of(k, request_.max_v_mag);
+      view.named = names_of(*solution, view);
       if (out_.mirrored) turn_round(view.spots, width_);
       view.R_CN = solution->attitude.R_CN;
       views_.push_back(std::move(view));
@@ -151,6 +155,23 @@ class Calibrator {
     }
     if (views_.empty()) return last;
     return {};
+  }
+
+  // The solver's spots and the calibration's are found with other settings: the same place is the same spot.
+  static std::vector<StarMatch> names_of(const Solution& solution, const View& view) {
+    constexpr double kSamePx = 0.01;
+    std::vector<StarMatch> named;
+    for (const SolvedStar& star : solution.stars) {
+      const auto in_sky = std::find_if(view.sky.begin(), view.sky.end(),
+                                       [&](const SkyStar& s) { return s.index == star.match.catalogue_index; });
+      const auto spot = std::find_if(view.spots.begin(), view.spots.end(), [&](const vision::Centroid& s) {
+        return (s.pixel.vec() - star.spot.pixel.vec()).norm() < kSamePx;
+      });
+      if (in_sky == view.sky.end() || spot == view.spots.end()) continue;
+      named.push_back(
+          {static_cast<std::size_t>(in_sky - view.sky.begin()), static_cast<std::size_t>(spot - view.spots.begin())});
+    }
+    return named;
   }
 
   Result<void> recognise_all_sky() {
@@ -186,6 +207,15 @@ class Calibrator {
     return {};
   }
 
+  void take(std::size_t v, std::span<const StarMatch> matches, Sightings& out) const {
+    const View& view = views_[v];
+    for (const StarMatch& m : matches) {
+      const vision::Centroid& spot = view.spots[m.spot];
+      out.observations.push_back({static_cast<int>(v), spot.pixel, spot.covariance_px2, view.sky[m.star].direction_N});
+      out.tags.push_back({v, m.star, m.spot});
+    }
+  }
+
   Sightings sight(double radius_px) const {
     Sightings out;
     for (std::size_t v = 0; v < views_.size(); ++v) {
@@ -199,12 +229,7 @@ class Calibrator {
         }
       }
       MatchSettings settings{.radius_px = radius_px, .blend_px = std::max(3.0, radius_px)};
-      for (const StarMatch& m : match_stars(view.sky, view.spots, closed, camera_, view.R_CN, settings)) {
-        const vision::Centroid& spot = view.spots[m.spot];
-        out.observations.push_back(
-            {static_cast<int>(v), spot.pixel, spot.covariance_px2, view.sky[m.star].direction_N});
-        out.tags.push_back({v, m.star, m.spot});
-      }
+      take(v, match_stars(view.sky, view.spots, closed, camera_, view.R_CN, settings), out);
     }
     return out;
   }
@@ -233,25 +258,70 @@ class Calibrator {
     return fitted;
   }
 
-  // Stars and camera in turns, with narrowing nets and richer models; the stars that end up within the gate.
+  // Of pictures that do not agree on one camera the one with the fewest stars goes, until the others do.
   Result<Sightings> gather() {
-    Sightings s;
-    double radius = request_.model == ProjectionModel::fisheye ? 4.0 : std::max(3.0, 0.004 * width_);
-    for (const int most_parameters : {2, 4, 6, 7, 7, 7}) {
-      s = sight(radius);
-      const auto fitted = adjust_freely(s, most_parameters);
-      if (!fitted) return forward(fitted);
-      take(*fitted);
-      radius = std::clamp(3.5 * fitted->rms_px, 1.0, radius);
-      Sightings kept;
-      for (std::size_t i = 0; i < s.tags.size(); ++i) {
-        if (!fitted->used[i]) continue;
-        kept.observations.push_back(s.observations[i]);
-        kept.tags.push_back(s.tags[i]);
+    const std::vector<View> recognised = views_;
+    const Intrinsics first = camera_;
+    for (;;) {
+      auto gathered = gather_from_all();
+      if (gathered || views_.size() < 2) return gathered;
+      out_.frames[views_[odd_one_].frame].error =
+          Error{.code = ErrorCode::no_match,
+                .text = "recognised, but its stars are not where the other pictures' camera puts them"};
+      odd_.insert(views_[odd_one_].frame);
+      views_.clear();
+      for (const View& view : recognised) {
+        if (!odd_.contains(view.frame)) views_.push_back(view);
       }
-      s = std::move(kept);
+      camera_ = first;
+    }
+  }
+
+  // Stars and camera in turns, with narrowing nets and richer models; the stars that end up within the gate. Each
+  // picture was recognised with a lens of its own: what they share is the stars' names, so the first turn is theirs.
+  Result<Sightings> gather_from_all() {
+    Sightings s;
+    if (request_.model == ProjectionModel::fisheye) return narrow(4.0, std::array{2, 4, 6, 7, 7, 7});
+    for (std::size_t v = 0; v < views_.size(); ++v) take(v, views_[v].named, s);
+    constexpr int kFirst = 6;
+    if (const auto fitted = fit_and_keep(s, kFirst); !fitted) return forward(fitted);
+    return narrow(std::max(3.0, 0.004 * width_), std::array{kFirst, kFirst, 7, 7, 7});
+  }
+
+  Result<Sightings> narrow(double radius_px, std::span<const int> most_parameters) {
+    Sightings s;
+    for (const int most : most_parameters) {
+      s = sight(radius_px);
+      const auto rms_px = fit_and_keep(s, most);
+      if (!rms_px) return forward(rms_px);
+      radius_px = std::clamp(3.5 * *rms_px, 1.0, radius_px);
     }
     return s;
+  }
+
+  // Keeps what lies within the gate; the rms of that.
+  Result<double> fit_and_keep(Sightings& s, int most_parameters) {
+    std::vector<int> of_view(views_.size(), 0);
+    const auto count = [&] {
+      std::fill(of_view.begin(), of_view.end(), 0);
+      for (const Tag& tag : s.tags) ++of_view[tag.view];
+      odd_one_ = static_cast<std::size_t>(std::min_element(of_view.begin(), of_view.end()) - of_view.begin());
+      return of_view[odd_one_];
+    };
+    count();
+    const auto fitted = adjust_freely(s, most_parameters);
+    if (!fitted) return forward(fitted);
+    take(*fitted);
+    Sightings kept;
+    for (std::size_t i = 0; i < s.tags.size(); ++i) {
+      if (!fitted->used[i]) continue;
+      kept.observations.push_back(s.observations[i]);
+      kept.tags.push_back(s.tags[i]);
+    }
+    s = std::move(kept);
+    if (count() < kLeastStars && views_.size() > 1)
+      return fail(ErrorCode::not_converged, "the pictures do not agree on one camera");
+    return fitted->rms_px;
   }
 
   Result<Adjustment> choose_model(const Sightings& s) {
@@ -358,7 +428,9 @@ class Calibrator {
   std::span<const CalibrationFrame> frames_;
   const CalibrationRequest& request_;
   int width_ = 0, height_ = 0;
-  std::vector<View> views_;  // of the pictures that were recognised
+  std::vector<View> views_;    // of the pictures that were recognised
+  std::set<std::size_t> odd_;  // frames that were recognised, but agree with no others
+  std::size_t odd_one_ = 0;    // the view with the fewest stars
   std::size_t most_stars_ = 0;
   Intrinsics camera_;
   Calibration out_;

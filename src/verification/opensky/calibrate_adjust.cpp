@@ -28,9 +28,11 @@ using ByLens = Eigen::MatrixXd;
 ByLens intrinsics_by_lens(const Intrinsics& first, const LensFreedom& freedom) {
   ByLens map = ByLens::Zero(9, freedom.count());
   int column = 0;
-  map(0, column) = 1.0;
-  if (!freedom.aspect) map(1, column) = first.fy_px / first.fx_px;
-  ++column;
+  if (freedom.focal) {
+    map(0, column) = 1.0;
+    if (!freedom.aspect) map(1, column) = first.fy_px / first.fx_px;
+    ++column;
+  }
   if (freedom.aspect) map(1, column++) = 1.0;
   const std::array<bool, 9> free = freedom.free();
   for (int i = 2; i < 9; ++i) {
@@ -129,7 +131,7 @@ class Bundle {
 
   // One least squares from where the last one ended. `robust`: Cauchy's loss.
   bool solve(const Scatter& scatter, bool robust, bool with_covariance) {
-    if (out_.R_CN.size() == 1 && !with_covariance) return solve_one(scatter, robust);
+    if (out_.R_CN.size() == 1) return solve_one(scatter, robust, with_covariance);
     const ByLens map = intrinsics_by_lens(out_.camera, freedom_);
     Lens lens = Lens::Zero(map.cols());
     std::vector<Vec3> theta(out_.R_CN.size(), Vec3::Zero());
@@ -225,61 +227,27 @@ class Bundle {
   }
 
  private:
-  // Of one picture, where no covariance is asked for: Levenberg and Marquardt's steps without the library, which spends
-  // more time on setting so small a problem up than on solving it.
-  bool solve_one(const Scatter& scatter, bool robust) {
+  // Of one picture: Levenberg and Marquardt's steps without the library, which spends more time on setting so small a
+  // problem up than on solving it.
+  bool solve_one(const Scatter& scatter, bool robust, bool with_covariance) {
     constexpr int kMaxSteps = 50;
     constexpr double kEnough = 1e-9;  // of chi-square, as above
     if (used() < std::max(2, parameters())) return false;
     const ByLens map = intrinsics_by_lens(out_.camera, freedom_);
-    // The attitude and all nine parameters; what is held has columns of nothing, and does not change.
-    constexpr int kAll = 12;
-    using Normal = Eigen::Matrix<double, kAll, kAll>;
-    using Change = Eigen::Matrix<double, kAll, 1>;
-    Normal information;
-    Change slope;
-    Eigen::Matrix<double, 2, kAll> jacobian = Eigen::Matrix<double, 2, kAll>::Zero();
-    Eigen::Matrix<double, 9, 9> all_by_lens = Eigen::Matrix<double, 9, 9>::Zero();
-    all_by_lens.leftCols(map.cols()) = map;
-    std::vector<Mat2> weights;
-    for (const StarObservation& star : stars_) weights.push_back(scatter.covariance(star.covariance_px2).inverse());
-    const auto look_at = [&](const Mat3& R_CN, const Intrinsics& camera, bool only_chi_square) {
-      if (!only_chi_square) {
-        information.setZero();
-        information.diagonal().tail(kAll - 3 - map.cols()).setOnes();
-        slope.setZero();
-      }
-      double chi2 = 0.0;
-      for (std::size_t i = 0; i < stars_.size(); ++i) {
-        if (!out_.used[i]) continue;
-        const Vec3 direction_C = R_CN * stars_[i].direction_N;
-        Mat23 by_direction;
-        IntrinsicsJacobian by_intrinsics;
-        const auto predicted = project(camera, direction_C, &by_direction, &by_intrinsics);
-        if (!predicted) return HUGE_VAL;
-        const Vec2 off = stars_[i].pixel.vec() - predicted->vec();
-        const double d2 = off.dot(weights[i] * off), of_loss2 = kLossSigma * kLossSigma;
-        const double pull = robust ? 1.0 / (1.0 + d2 / of_loss2) : 1.0;
-        chi2 += robust ? of_loss2 * std::log1p(d2 / of_loss2) : d2;
-        if (only_chi_square) continue;
-        jacobian.leftCols<3>() = by_direction * cross_matrix(direction_C);
-        jacobian.rightCols<9>() = by_intrinsics * all_by_lens;
-        const Eigen::Matrix<double, kAll, 2> weighted = pull * jacobian.transpose() * weights[i];
-        information.noalias() += weighted * jacobian;
-        slope.noalias() += weighted * off;
-      }
-      return chi2;
-    };
-    double chi2 = look_at(out_.R_CN[0], out_.camera, false);
+    Normals normals;
+    normals.by_lens.leftCols(map.cols()) = map;
+    for (const StarObservation& star : stars_)
+      normals.weights.push_back(scatter.covariance(star.covariance_px2).inverse());
+    double chi2 = normals.look_at(*this, out_.R_CN[0], out_.camera, robust, false);
     double damping = 1e-4;
     for (int step = 0; step < kMaxSteps && chi2 < HUGE_VAL && damping < 1e8; ++step) {
-      Normal damped = information;
+      Normals::Matrix damped = normals.information;
       damped.diagonal() *= 1.0 + damping;
-      const Change change = damped.ldlt().solve(slope);
+      const Normals::Change change = damped.ldlt().solve(normals.slope);
       if (!change.allFinite()) return false;
       const Mat3 R_CN = rotation_exp(-change.head<3>()) * out_.R_CN[0];
       const Intrinsics camera = changed(out_.camera, map, change.segment(3, map.cols()));
-      const double tried = look_at(R_CN, camera, true);
+      const double tried = normals.look_at(*this, R_CN, camera, robust, true);
       if (!(tried <= chi2)) {
         damping *= 10.0;
         continue;
@@ -288,11 +256,66 @@ class Bundle {
       out_.R_CN[0] = to_matrix(to_quaternion(R_CN));
       out_.camera = camera;
       damping *= 0.1;
+      if (done && !with_covariance) break;
+      chi2 = normals.look_at(*this, R_CN, camera, robust, false);
       if (done) break;
-      chi2 = look_at(R_CN, camera, false);
     }
     look();
-    return chi2 < HUGE_VAL;
+    return chi2 < HUGE_VAL && (!with_covariance || take_covariance(normals));
+  }
+
+  // The attitude and all nine parameters; what is held has columns of nothing, and does not change.
+  struct Normals {
+    static constexpr int kAll = 12;
+    using Matrix = Eigen::Matrix<double, kAll, kAll>;
+    using Change = Eigen::Matrix<double, kAll, 1>;
+    Matrix information = Matrix::Zero();
+    Change slope = Change::Zero();
+    Eigen::Matrix<double, 9, 9> by_lens = Eigen::Matrix<double, 9, 9>::Zero();  // columns of freedom first
+    std::vector<Mat2> weights;
+
+    // Chi-square; infinite where a star falls nowhere.
+    double look_at(const Bundle& bundle, const Mat3& R_CN, const Intrinsics& camera, bool robust,
+                   bool only_chi_square) {
+      if (!only_chi_square) {
+        information.setZero();
+        information.diagonal().tail(9 - bundle.freedom_.count()).setOnes();
+        slope.setZero();
+      }
+      Eigen::Matrix<double, 2, kAll> jacobian = Eigen::Matrix<double, 2, kAll>::Zero();
+      double chi2 = 0.0;
+      for (std::size_t i = 0; i < bundle.stars_.size(); ++i) {
+        if (!bundle.out_.used[i]) continue;
+        const Vec3 direction_C = R_CN * bundle.stars_[i].direction_N;
+        Mat23 by_direction;
+        IntrinsicsJacobian by_intrinsics;
+        const auto predicted = project(camera, direction_C, &by_direction, &by_intrinsics);
+        if (!predicted) return HUGE_VAL;
+        const Vec2 off = bundle.stars_[i].pixel.vec() - predicted->vec();
+        const double d2 = off.dot(weights[i] * off), of_loss2 = kLossSigma * kLossSigma;
+        const double pull = robust ? 1.0 / (1.0 + d2 / of_loss2) : 1.0;
+        chi2 += robust ? of_loss2 * std::log1p(d2 / of_loss2) : d2;
+        if (only_chi_square) continue;
+        jacobian.leftCols<3>() = by_direction * cross_matrix(direction_C);
+        jacobian.rightCols<9>() = by_intrinsics * by_lens;
+        const Eigen::Matrix<double, kAll, 2> weighted = pull * jacobian.transpose() * weights[i];
+        information.noalias() += weighted * jacobian;
+        slope.noalias() += weighted * off;
+      }
+      return chi2;
+    }
+  };
+
+  bool take_covariance(const Normals& normals) {
+    const Eigen::LDLT<Normals::Matrix> factors(normals.information);
+    if (factors.info() != Eigen::Success || !factors.isPositive()) return false;
+    PlateCovariance to_all = PlateCovariance::Zero();
+    to_all.topLeftCorner<3, 3>().setIdentity();
+    to_all.bottomRightCorner<9, 9>() = normals.by_lens;
+    out_.plate_covariance = to_all * factors.solve(Normals::Matrix::Identity()) * to_all.transpose();
+    out_.covariance = out_.plate_covariance.bottomRightCorner<9, 9>();
+    out_.attitude_covariance_rad2 = {out_.plate_covariance.topLeftCorner<3, 3>()};
+    return out_.plate_covariance.allFinite();
   }
 
   double wanted_chi_square() const { return std::max(1.0, 2.0 * used() - parameters()); }
@@ -360,7 +383,7 @@ tl::unexpected<Error> undetermined(const LensFreedom& freedom, int stars) {
 }  // namespace
 
 std::array<bool, 9> LensFreedom::free() const {
-  return {true, true, centre, centre, radial >= 1, radial >= 2, radial >= 3, tangential, tangential};
+  return {focal, focal || aspect, centre, centre, radial >= 1, radial >= 2, radial >= 3, tangential, tangential};
 }
 
 std::array<double, 9> intrinsics_values(const Intrinsics& c) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bundle adjustment: one camera and one attitude a picture from stars that are known by name (docs/theory/camera.md
-// eq. 8 to 12), with Ceres Solver; one picture alone, of which no covariance is asked, without it.
+// eq. 8 to 12), with Ceres Solver; one picture alone without it.
 #pragma once
 
 #include <array>
@@ -28,7 +28,8 @@ struct LensFreedom {
   int radial = 0;  // k1; k1 and k2; k1 to k3
   bool tangential = false;
   bool aspect = false;
-  int count() const { return 1 + (centre ? 2 : 0) + radial + (tangential ? 2 : 0) + (aspect ? 1 : 0); }
+  bool focal = true;  // only of one picture may nothing be free
+  int count() const { return (focal ? 1 : 0) + (centre ? 2 : 0) + radial + (tangential ? 2 : 0) + (aspect ? 1 : 0); }
   // In the order of IntrinsicsJacobian.
   std::array<bool, 9> free() const;
 };
@@ -46,13 +47,16 @@ struct Scatter {
 };
 
 using IntrinsicsCovariance = Eigen::Matrix<double, 9, 9>;
+// Of theta (3, as below) and the nine parameters.
+using PlateCovariance = Eigen::Matrix<double, 12, 12>;
 
 struct Adjustment {
   Intrinsics camera;
   IntrinsicsCovariance covariance = IntrinsicsCovariance::Zero();  // zero where a parameter is held
   std::vector<Mat3> R_CN;
-  std::vector<Mat3> attitude_covariance_rad2;  // of theta with R_true = exp(-[theta]x) R
-  std::vector<Vec2> residuals_px;              // measured less predicted, of every observation; huge where none falls
+  std::vector<Mat3> attitude_covariance_rad2;                  // of theta with R_true = exp(-[theta]x) R
+  PlateCovariance plate_covariance = PlateCovariance::Zero();  // of one picture alone; zero where there are more
+  std::vector<Vec2> residuals_px;  // measured less predicted, of every observation; huge where none falls
   std::vector<bool> used;
   Scatter scatter;
   double rms_px = 0.0;  // of the stars used, both axes together: sqrt(mean(du2 + dv2))

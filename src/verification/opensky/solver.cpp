@@ -75,7 +75,8 @@ Result<Solver::Known> Solver::identify_blind(std::span<const vision::Centroid> s
     settings.camera = request.camera;
     const double fov = request.camera->field_of_view_horizontal_rad();
     found = blind_->search(judged, width, height, {fov / kTrust, fov * kTrust}, observer, settings);
-    out.stars.lens_is_known = out.stars.focal_is_known = found.has_value();
+    out.stars.lens_is_known = found.has_value();
+    out.stars.shape_is_known = true;
     if (!found) {
       settings.focal_is_known = false;
       found = blind_->search(judged, width, height, {fov / kDoubt, fov * kDoubt}, observer, settings);
@@ -105,7 +106,7 @@ Result<Solver::Known> Solver::identify_roughly(std::span<const vision::Centroid>
     out.stars.names.push_back({sky[m.star].index, static_cast<std::uint32_t>(m.spot)});
   out.stars.R_CN = look->R_CN;
   out.stars.camera = *request.camera;
-  out.stars.lens_is_known = out.stars.focal_is_known = true;
+  out.stars.lens_is_known = true;
   out.stars.mirrored = look->mirrored;
   out.stars.chance_probability = look->chance_probability;
   return out;
@@ -124,7 +125,7 @@ Result<Solver::Known> Solver::identify_all_sky(std::span<const vision::Centroid>
   if (!look) return forward(look);
   Known out;
   out.stars.camera = camera;
-  out.stars.lens_is_known = out.stars.focal_is_known = true;
+  out.stars.lens_is_known = true;
   out.stars.mirrored = look->mirrored;
   out.stars.R_CN = look->R_CN;
   out.stars.chance_probability = look->chance_probability;
@@ -192,6 +193,7 @@ Result<Solution> Solver::solve(const Picture& picture, const SolveRequest& reque
                 "the stars are recognised, but stand below the observer's horizon then: are --epoch and --observer "
                 "right?");
   solution.attitude = fitted->attitude;
+  solution.center_covariance_rad2 = fitted->center_covariance_rad2;
   const double fixed = now_ms();
 
   std::vector<unsigned char> taken(spots.size(), 0);

@@ -39,6 +39,7 @@ struct Solution {
   int width = 0, height = 0;
   vision::AttitudeSolution attitude;  // of the picture as seen by a camera that is not mirrored: see `mirrored`
   bool mirrored = false;              // then u in `attitude` counts from the right: u_picture = width - 1 - u
+  Mat3 center_covariance_rad2 = Mat3::Zero();  // as of FinalFit
   Epoch epoch;
   bool epoch_assumed = true;
   bool aberration_corrected = false;

@@ -24,8 +24,8 @@ struct NamedStars {
   std::vector<Name> names;
   Mat3 R_CN = Mat3::Identity();
   Intrinsics camera;
-  bool lens_is_known = false;  // then only the attitude is solved for
-  bool focal_is_known = false;
+  bool lens_is_known = false;    // then only the attitude is solved for
+  bool shape_is_known = false;   // centre and distortion to begin with, the focal length only about
   bool mirrored = false;         // the spots are those of the picture turned right
   double extra_sigma_px = 0.25;  // of an axis: catalogue, lens and blends, beside the centroids' own
   double chance_probability = 1.0;
@@ -39,9 +39,15 @@ struct SeenFrom {
 
 // Attitude, and what of the lens is not known: focal length and k1 (p1 and p2 from 20 stars on); where those leave more
 // than half a pixel an axis, of richer models the one that foretells held-out stars best (docs/theory/camera.md).
-// The covariance is enlarged to what the residuals say. `stars`: those that took part. not_converged where that fails.
+// How far stars scatter beside what their spots say is found from the residuals, and so is the covariance; where
+// fewer than kFreedomThatTells degrees of freedom are left, NamedStars::extra_sigma_px is believed if it is more
+// (docs/theory/vision.md, open skies). `stars`: those that took part. not_converged where that fails.
+inline constexpr int kFreedomThatTells = 8;
 struct FinalFit {
   vision::AttitudeSolution attitude;
+  // Of the picture's middle, where a lens that is not known lets it be told better than the camera's own axis: turns
+  // about right, down and into the picture there.
+  Mat3 center_covariance_rad2 = Mat3::Zero();
   std::vector<vision::MatchedStar> stars;
 };
 Result<FinalFit> fit_named_stars(const StarCatalogue& catalogue, const NamedStars& named,
