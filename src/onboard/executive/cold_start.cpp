@@ -184,7 +184,7 @@ double ColdStart::photocentre_sigma_rad(BodyId body, Epoch epoch, double* epheme
   return errors.photocentre_fraction * sight.shift_N.norm();
 }
 
-void ColdStart::add(const navigation::BeaconMeasurement& m, const Vec3& v_stars_m_s) {
+void ColdStart::add(const navigation::BeaconMeasurement& m) {
   // More than a batch holds: every so many-th, spread over both windows.
   const int stride = 1 + (2 * settings_.images_per_window - 1) / static_cast<int>(sights_.size());
   if (images_++ % stride != 0 || sight_count_ == sights_.size()) return;
@@ -204,7 +204,7 @@ void ColdStart::add(const navigation::BeaconMeasurement& m, const Vec3& v_stars_
   covariance_C.topLeftCorner<2, 2>() += m.pixel_covariance_px2 * pixel_rad * pixel_rad;
   out.sight.covariance_rad2 = m.R_CN.transpose() * covariance_C * m.R_CN;
   out.boresight_N = m.R_CN.row(2).transpose();
-  out.v_stars_m_s = v_stars_m_s;
+  out.v_stars_m_s = m.v_stars_m_s.value_or(start_.state.v_m_s);
   const double light_rad = photocentre_sigma_rad(m.body, m.mid_exposure, &out.sight.ephemeris_sigma_m);
   const double planet_rad = std::hypot(settings_.filter.bias.sigma, m.repeating_sigma_px) * pixel_rad;
   const double attitude_rad = std::sqrt(0.5 * (m.attitude_repeating_rad2(0, 0) + m.attitude_repeating_rad2(1, 1)));

@@ -77,8 +77,8 @@ class ColdStart {
   // Which planets were named, each once.
   std::span<const BodyId> named() const { return {named_.data(), named_count_}; }
 
-  // An image of a window (Navigator::watch, measured), with the velocity by which its stars were aberrated.
-  void add(const navigation::BeaconMeasurement& measurement, const Vec3& v_stars_m_s);
+  // An image of a window (Navigator::watch, measured).
+  void add(const navigation::BeaconMeasurement& measurement);
   // The state at the last image. no_match: one planet alone, or windows that do not agree with the survey.
   Result<navigation::InitialState> solve();
 

@@ -5,6 +5,7 @@
 #include <span>
 
 #include "foundation/base/check.h"
+#include "foundation/math/statistics.h"
 
 namespace astronav::executive {
 
@@ -13,6 +14,7 @@ Navigator::Navigator(const NavigatorSettings& settings, const Ephemeris& ephemer
       ephemeris_(&ephemeris),
       eyes_(eyes),
       filter_(settings.filter, ephemeris),
+      flight_{.begin = filter_},
       stance_(settings.stance) {}
 
 Result<void> Navigator::start(const navigation::InitialState& initial) {
@@ -20,32 +22,113 @@ Result<void> Navigator::start(const navigation::InitialState& initial) {
   const auto& [thrust, kicks] = settings_.maneuvers;
   while (kick_ < kicks.size() && kicks[kick_].epoch < initial.epoch) ++kick_;
   filter_.set_thrust({});
-  return filter_.initialise(initial);
+  const auto initialised = filter_.initialise(initial);
+  begin_flight();
+  return initialised;
+}
+
+Result<void> Navigator::fly(navigation::Filter& filter, std::size_t& thrust_at, std::size_t& kick_at,
+                            Epoch epoch) const {
+  const auto& [thrust, kicks] = settings_.maneuvers;
+  do {
+    const Epoch now = filter.epoch();
+    while (thrust_at < thrust.size() && thrust[thrust_at].end <= now) ++thrust_at;
+    const bool more = thrust_at < thrust.size();
+    const bool firing = more && thrust[thrust_at].begin <= now;
+    filter.set_thrust(firing ? thrust[thrust_at].thrust : navigation::Thrust{});
+    for (; kick_at < kicks.size() && kicks[kick_at].epoch <= now; ++kick_at) {
+      if (const auto ok = filter.kick(kicks[kick_at].delta_v_N_m_s, kicks[kick_at].sigma_m_s); !ok) return ok;
+    }
+    Epoch next = epoch;
+    if (more) next = std::min(next, firing ? thrust[thrust_at].end : thrust[thrust_at].begin);
+    if (kick_at < kicks.size()) next = std::min(next, kicks[kick_at].epoch);
+    if (const auto ok = filter.propagate_to(next); !ok) return ok;
+  } while (filter.epoch() < epoch);
+  return {};
 }
 
 Result<void> Navigator::advance(Epoch epoch) {
-  const auto& [thrust, kicks] = settings_.maneuvers;
-  do {
-    const Epoch now = filter_.epoch();
-    while (thrust_ < thrust.size() && thrust[thrust_].end <= now) ++thrust_;
-    const bool more = thrust_ < thrust.size();
-    const bool firing = more && thrust[thrust_].begin <= now;
-    filter_.set_thrust(firing ? thrust[thrust_].thrust : navigation::Thrust{});
-    for (; kick_ < kicks.size() && kicks[kick_].epoch <= now; ++kick_) {
-      if (const auto ok = filter_.kick(kicks[kick_].delta_v_N_m_s, kicks[kick_].sigma_m_s); !ok) return ok;
+  return fly(filter_, thrust_, kick_, epoch);
+}
+
+void Navigator::begin_flight() {
+  flight_.begin = filter_;
+  flight_.thrust = thrust_;
+  flight_.kick = kick_;
+  flight_.badly_known = false;
+  flight_.accepted = flight_.sights = 0;
+}
+
+navigation::UpdateResult Navigator::update(const navigation::BeaconMeasurement& measurement) {
+  constexpr double kBadlyKnown_m = 3e7;
+  if (flight_.sights == 0)
+    flight_.badly_known = filter_.covariance_pv().topLeftCorner<3, 3>().trace() > kBadlyKnown_m * kBadlyKnown_m;
+  if (flight_.sights < flight_.kept.size()) flight_.kept[flight_.sights] = measurement;
+  ++flight_.sights;
+  const navigation::UpdateResult result = filter_.update(measurement);
+  flight_.accepted += result.accepted;
+  return result;
+}
+
+// Gauss and Newton's iteration on a whole flight, the filter's own: linear along the way to where the last one ended.
+Result<bool> Navigator::end_flight() {
+  constexpr int kRounds = 5;
+  constexpr double kSettled = 0.05;       // sigma, of the end
+  if (flight_.sights == 0) return false;  // it goes on
+  const bool kept = flight_.sights <= flight_.kept.size();
+  bool better = false;
+  for (int round = 0; flight_.badly_known && kept && round < kRounds; ++round) {
+    const auto anew = fly_anew();
+    if (!anew) return forward(anew);
+    if (anew->accepted < flight_.accepted) break;
+    Vec6 moved;
+    moved << anew->filter.state().p_m - filter_.state().p_m, anew->filter.state().v_m_s - filter_.state().v_m_s;
+    filter_ = anew->filter;
+    flight_.accepted = anew->accepted;
+    better = true;
+    if (normalised_square(moved, filter_.covariance_pv()) < kSettled * kSettled) break;
+  }
+  begin_flight();
+  return better;
+}
+
+// Shoots for where the flight ended, by its own sensitivities; then the mean is carried along that way, and all that
+// was seen is used once more.
+Result<Navigator::Flown> Navigator::fly_anew() const {
+  constexpr int kShots = 4;
+  const State end = filter_.state();
+  State from = flight_.begin.state();
+  for (int shot = 0; shot < kShots; ++shot) {
+    navigation::Filter way = flight_.begin;
+    std::size_t thrust = flight_.thrust, kick = flight_.kick;
+    way.fly_beside(from);
+    if (const auto flown = fly(way, thrust, kick, filter_.epoch()); !flown) return forward(flown);
+    const State there = way.state();
+    Vec6 miss;
+    miss << end.p_m - there.p_m, end.v_m_s - there.v_m_s;
+    const Vec6 by = way.sensitivity().partialPivLu().solve(miss);
+    from.p_m += by.head<3>();
+    from.v_m_s += by.tail<3>();
+  }
+  Flown out{.filter = flight_.begin};
+  std::size_t thrust = flight_.thrust, kick = flight_.kick;
+  out.filter.fly_beside(from);
+  for (std::size_t i = 0; i < flight_.sights; ++i) {
+    const navigation::BeaconMeasurement& sight = flight_.kept[i];
+    if (sight.mid_exposure > out.filter.epoch()) {
+      if (const auto flown = fly(out.filter, thrust, kick, sight.mid_exposure); !flown) return forward(flown);
     }
-    Epoch next = epoch;
-    if (more) next = std::min(next, firing ? thrust[thrust_].end : thrust[thrust_].begin);
-    if (kick_ < kicks.size()) next = std::min(next, kicks[kick_].epoch);
-    if (const auto ok = filter_.propagate_to(next); !ok) return ok;
-  } while (filter_.epoch() < epoch);
-  return {};
+    out.accepted += out.filter.update(sight).accepted;
+  }
+  if (const auto flown = fly(out.filter, thrust, kick, filter_.epoch()); !flown) return forward(flown);
+  out.filter.join();
+  return out;
 }
 
 navigation::UpdateResult Navigator::use(const navigation::BeaconMeasurement& measurement) {
   // What stands in the way is told by the update.
   if (measurement.mid_exposure > filter_.epoch()) (void)advance(measurement.mid_exposure);
-  return filter_.update(measurement);
+  return update(measurement);
 }
 
 Result<void> Navigator::coast_to(Epoch epoch) {
@@ -161,6 +244,7 @@ Result<Look> Navigator::watch(ImageView<const std::uint16_t> frame, Epoch mid_ex
   look.measurement.pixel_attitude_covariance = share.with_attitude;
   look.measurement.repeating_sigma_px = spot.repeating_sigma_px;
   look.measurement.R_CN = seen.attitude.R_CN;
+  look.measurement.v_stars_m_s = here.v_m_s;
   look.measurement.attitude_covariance_rad2 = seen.attitude.covariance_rad2;
   look.measurement.attitude_repeating_rad2 = seen.attitude.repeating_rad2;
   return look;
@@ -169,7 +253,7 @@ Result<Look> Navigator::watch(ImageView<const std::uint16_t> frame, Epoch mid_ex
 Result<Look> Navigator::look(ImageView<const std::uint16_t> frame, Epoch mid_exposure, BodyId beacon,
                              const std::optional<Mat3>& commanded_R_CN) {
   auto look = watch(frame, mid_exposure, beacon, commanded_R_CN);
-  if (look && look->measured) look->update = filter_.update(look->measurement);
+  if (look && look->measured) look->update = update(look->measurement);
   return look;
 }
 

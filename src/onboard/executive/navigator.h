@@ -14,6 +14,7 @@
 // No heap, no exceptions, no files.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 
@@ -89,9 +90,19 @@ class Navigator {
   // A measurement that somebody else made.
   navigation::UpdateResult use(const navigation::BeaconMeasurement& measurement);
 
+  // A flight that began with little known is linear along the wrong way. Where its first sight found less known than
+  // 30,000 km, flies all since the last call (or start()) once more, with its thrust, kicks and sights, along the way
+  // that its end shows (navigation.md, a coast flown anew); what comes after is the next flight. To be called when both
+  // beacons of a cycle have been seen. True: it was flown anew.
+  Result<bool> end_flight();
+
   const navigation::Filter& filter() const { return filter_; }
 
  private:
+  // From where the filter is, or the end of the last flight.
+  void begin_flight();
+  Result<void> fly(navigation::Filter& filter, std::size_t& thrust, std::size_t& kick, Epoch epoch) const;
+  navigation::UpdateResult update(const navigation::BeaconMeasurement& measurement);
   // The filter to an epoch, thrust and kicks on the way.
   Result<void> advance(Epoch epoch);
   // Where a beacon should be and how bright, as the image processing is told.
@@ -104,6 +115,19 @@ class Navigator {
   vision::Vision* eyes_;
   navigation::Filter filter_;
   std::size_t thrust_ = 0, kick_ = 0;  // the next of each
+  struct Flight {
+    navigation::Filter begin;
+    std::size_t thrust = 0, kick = 0;
+    bool badly_known = false;
+    std::size_t accepted = 0, sights = 0;  // more than are kept: it is not flown anew
+    std::array<navigation::BeaconMeasurement, 1024> kept{};
+  };
+  Flight flight_;
+  struct Flown {
+    navigation::Filter filter;
+    std::size_t accepted = 0;
+  };
+  Result<Flown> fly_anew() const;
   Stance stance_;
 };
 

@@ -105,6 +105,9 @@ Result<void> Filter::initialise(const InitialState& initial) {
 
   epoch_ = initial.epoch;
   x_ = x.cwiseProduct(inverse);
+  along_ = false;
+  beside_.setZero();
+  way_.setIdentity();
   covariance_ = *factors;
   last_body_ = BodyId{};
   last_image_.reset();
@@ -142,6 +145,8 @@ Result<void> Filter::fly_to(Epoch epoch, Dynamic& phi) {
     x_ = x;
     time_update(covariance_, transition);
     phi = (transition.phi * phi).eval();
+    way_ = (transition.phi * way_).eval();
+    beside_.head<kDynamicStates>() = (transition.phi * beside_.head<kDynamicStates>()).eval();
     epoch_ = epoch_ + *h;
   }
   age(epoch_ - before);
@@ -165,11 +170,12 @@ void Filter::age(Duration span) {
       factor[state] = ageing.factor[i];
     } else {
       forget(covariance_, state);
-      x_[state] = 0.0;
+      x_[state] = beside_[state] = 0.0;
     }
   }
   scale(covariance_, factor);
   x_ = x_.cwiseProduct(factor).eval();
+  beside_ = beside_.cwiseProduct(factor).eval();
   for (int i = 0; i < kAgeingStates; ++i)
     if (ageing.variance[i] > 0.0)
       add_outer_product(covariance_, StateVector::Unit(kDynamicStates + i), ageing.variance[i]);
@@ -248,6 +254,7 @@ void Filter::start_window(const BeaconMeasurement& measurement, const PixelPredi
   add_outer_product(covariance_, first, 1.0);
   add_outer_product(covariance_, StateVector::Unit(index::bias + 1), std::max(covariance(1, 1) - l10 * l10, 0.0));
   x_.segment<2>(index::bias).setZero();
+  beside_.segment<2>(index::bias).setZero();
 }
 
 void Filter::set_thrust(const Thrust& thrust) {
@@ -256,6 +263,28 @@ void Filter::set_thrust(const Thrust& thrust) {
                                                thrust.direction_N == thrust_.direction_N));
   if (!same) coast_.reset();  // it is flown anew under one thrust
   thrust_ = thrust;
+}
+
+void Filter::fly_beside(const State& begin) {
+  Vec6 to;
+  to << begin.p_m / unit::length_m, begin.v_m_s / unit::velocity_m_s;
+  beside_.head<6>() += x_.head<6>() - to;
+  x_.head<6>() = to;
+  along_ = true;
+  way_.setIdentity();
+  coast_.reset();
+}
+
+void Filter::join() {
+  x_ += beside_;
+  beside_.setZero();
+  along_ = false;
+  coast_.reset();
+}
+
+Mat6 Filter::sensitivity() const {
+  const Vec6 scales = state_scales().head<6>();
+  return scales.asDiagonal() * way_.topLeftCorner<6, 6>() * scales.cwiseInverse().asDiagonal();
 }
 
 Result<void> Filter::kick(const Vec3& delta_v_N_m_s, double sigma_m_s) {
@@ -295,6 +324,16 @@ Result<Filter::Correction> Filter::correct(const StateVector& prior, const Predi
     ++out.iterations;
     if (out.iterations >= settings_.max_iterations || (there->pixel.pixel - linear).norm() <= tolerance) return out;
   }
+}
+
+// Linear where the way is, once.
+Filter::Correction Filter::correct_beside(const Prediction& at_x, const UpdateResult& foretold) {
+  const MeasurementMatrix f = at_x.by_state * covariance_.u;
+  const Vec2 weighted = foretold.innovation_covariance_px2.inverse() * foretold.innovation_px;
+  beside_ += covariance_.u * covariance_.d.cwiseProduct(f.transpose() * weighted);
+  Correction out{at_x, at_x.by_state.transpose() * weighted, 1};
+  out.prediction.pixel.pixel += at_x.by_state * beside_;
+  return out;
 }
 
 // A coast of length T that begins with a velocity wrong by v ends wrong by d = T v, and by GM d^2 T^2 / (4 r^4) beside
@@ -350,7 +389,10 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   const bool paused = same_body && epoch_ - *last_image_ > settings_.window_gap;
   const bool same_window = same_body && (!paused || epoch_ - *last_image_ <= longest_pause());
   if (last_body_ != measurement.body) rejections_ = {};
-  if (!same_window) x_.segment<2>(index::bias).setZero();
+  if (!same_window) {
+    x_.segment<2>(index::bias).setZero();
+    beside_.segment<2>(index::bias).setZero();
+  }
   Result<Prediction> prediction = predict(x_, *beacon, measurement);
   if (!prediction) return rejected(UpdateReason::out_of_view);
   if (!same_window) {
@@ -377,9 +419,9 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
 
   const Vec2 predicted = prediction->pixel.pixel;
   result.predicted = {predicted.x(), predicted.y()};
-  result.innovation_px = z - predicted;
   result.noise_covariance_px2 = R;
   MeasurementMatrix h = prediction->by_state;
+  result.innovation_px = z - predicted - h * beside_;
   Mat2 prior = prior_covariance(h);
   result.innovation_covariance_px2 = prior + R;
   result.nis = quadratic(result.innovation_px, result.innovation_covariance_px2);
@@ -402,8 +444,9 @@ UpdateResult Filter::update(const BeaconMeasurement& measurement) {
   rejections_ = {};
 
   StateVector before = x_, flown = x_;
-  Result<Correction> correction = correct(before, *prediction, *beacon, measurement, R);
-  for (int flights = 0; correction && flights < kMostFlights && bends(x_ - flown); ++flights) {
+  Result<Correction> correction =
+      along_ ? correct_beside(*prediction, result) : correct(before, *prediction, *beacon, measurement, R);
+  for (int flights = 0; !along_ && correction && flights < kMostFlights && bends(x_ - flown); ++flights) {
     const Result<StateVector> predicted_anew = fly_anew(correction->pull);
     if (!predicted_anew) return rejected(UpdateReason::no_ephemeris);
     before = *predicted_anew;

@@ -126,6 +126,14 @@ class Filter {
   // At the filter's epoch.
   Result<DirectionPrediction> predict_direction(BodyId body) const;
 
+  // For a flight that is known afterwards to have begun elsewhere than was believed: from here on everything is linear
+  // along the way from that place and velocity (barycentric), and the mean is carried beside it, until join() puts the
+  // two together again (eq. 9a). state() is the way's until then.
+  void fly_beside(const State& begin);
+  void join();
+  // Sensitivity of position and velocity to those at initialise() or fly_beside(), SI.
+  Mat6 sensitivity() const;
+
   // A push at the filter's epoch that is known to `sigma_m_s` per component (N): velocity and its covariance change.
   // invalid_argument for what is not finite, and a sigma below zero.
   Result<void> kick(const Vec3& delta_v_N_m_s, double sigma_m_s);
@@ -194,6 +202,7 @@ class Filter {
   };
   Result<Correction> correct(const StateVector& prior, const Prediction& at_x, const Beacon& beacon,
                              const BeaconMeasurement& measurement, const Mat2& R);
+  Correction correct_beside(const Prediction& at_x, const UpdateResult& foretold);
   Result<void> fly_to(Epoch epoch, Dynamic& phi);
   bool bends(const StateVector& change) const;
   Result<StateVector> fly_anew(const StateVector& pull);
@@ -217,8 +226,11 @@ class Filter {
   Thrust thrust_;
   double gate_ = 0.0;
   Epoch epoch_;
-  StateVector x_ = StateVector::Zero();  // non-dimensional
-  FactorisedCovariance covariance_;      // non-dimensional
+  StateVector x_ = StateVector::Zero();       // non-dimensional
+  bool along_ = false;                        // between fly_beside() and join()
+  StateVector beside_ = StateVector::Zero();  // then the mean less x_
+  Dynamic way_ = Dynamic::Identity();         // sensitivities since then
+  FactorisedCovariance covariance_;           // non-dimensional
   BodyId last_body_;
   std::optional<Epoch> last_image_, last_accepted_;
   std::optional<Coast> coast_;

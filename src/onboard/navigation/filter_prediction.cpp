@@ -61,7 +61,16 @@ Filter::SightPrediction Filter::predict(const StateVector& x, const Beacon& beac
 
 Result<Filter::Prediction> Filter::predict(const StateVector& x, const Beacon& beacon,
                                            const BeaconMeasurement& measurement) const {
-  const SightPrediction seen = predict(x, beacon);
+  SightPrediction seen = predict(x, beacon);
+  if (measurement.v_stars_m_s) {
+    // Stars that were aberrated by another velocity took the attitude with them, by the turn b x (v - v_stars) / c.
+    const Vec3 s = seen.sight.direction_N, b = measurement.R_CN.row(2).transpose();
+    const Vec3 v_m_s = x.segment<3>(index::velocity) * unit::velocity_m_s;
+    const Vec3 delta = (v_m_s - *measurement.v_stars_m_s) / kSpeedOfLight;
+    seen.sight.direction_N = (s - (delta * b.dot(s) - b * delta.dot(s))).normalized();
+    seen.by_state.middleCols<3>(index::velocity) -=
+        (b.dot(s) * Mat3::Identity() - b * s.transpose()) * (unit::velocity_m_s / kSpeedOfLight);
+  }
   const auto pixel = predict_pixel(seen.sight, measurement.R_CN, settings_.camera, x.segment<4>(index::camera));
   if (!pixel) return forward(pixel);
   Prediction out{*pixel, pixel->by_direction * seen.by_state};

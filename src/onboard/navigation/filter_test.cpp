@@ -501,6 +501,45 @@ TEST_F(FilterUpdate, AdaptiveNoiseLearnsTheScale) {
   EXPECT_EQ(filter.noise_scale(body::venus), 1.0);
 }
 
+// Where nothing bends it does not matter along which way the mean is carried; what has not begun elsewhere is the same
+// to the last digits.
+TEST_F(FilterUpdate, CarriedBesideAnotherWayTheMeanIsTheSame) {
+  const Filter filter = started(truth, 1e5, 0.1);
+  const auto flown = [&](const Vec3& aside_m, const Vec3& aside_m_s) {
+    Filter other = filter;
+    State from = filter.state();
+    from.p_m += aside_m;
+    from.v_m_s += aside_m_s;
+    other.fly_beside(from);
+    State now = truth;
+    Epoch at = epoch;
+    for (int image = 0; image < 8; ++image) {
+      const Epoch next = epoch + Duration::days(2.0) + kImagePeriod * image;
+      now = fly(now, at, next - at);
+      at = next;
+      const BodyId beacon = image < 4 ? body::mars : body::jupiter;
+      EXPECT_TRUE(other.update(photograph(now, beacon, at, settings.camera, {}, nullptr)).accepted);
+    }
+    other.join();
+    return other;
+  };
+  const Filter own = flown(Vec3::Zero(), Vec3::Zero()), near = flown(Vec3(2e6, -1e6, 5e5), Vec3(0.5, 1.0, -0.3));
+  const Vec6 sigma = own.covariance_pv().diagonal().cwiseSqrt();
+  const Vec3 off = near.state().p_m - own.state().p_m;
+  EXPECT_LT(off.cwiseQuotient(sigma.head<3>()).norm(), 0.01);
+  EXPECT_TRUE(near.covariance_pv().isApprox(own.covariance_pv(), 1e-3));
+  // Sensitivity: where the way ends, less where that of the mean does.
+  Filter way = filter;
+  State from = filter.state();
+  from.v_m_s.x() += 1.0;
+  way.fly_beside(from);
+  ASSERT_TRUE(way.propagate_to(filter.epoch() + Duration::days(2.0)));
+  Filter mean = filter;
+  ASSERT_TRUE(mean.propagate_to(way.epoch()));
+  const Vec3 moved = way.state().p_m - mean.state().p_m;
+  EXPECT_LT((moved - way.sensitivity().block<3, 1>(0, 3)).norm(), 1e-5 * moved.norm());
+}
+
 TEST_F(FilterUpdate, AKickMovesVelocityAndItsCovarianceAlone) {
   Filter filter = started(truth, 1e6, 0.1);
   const Mat6 before = filter.covariance_pv();

@@ -2,6 +2,8 @@
 // BeaconMeasurement: all that the filter is ever told about an image.
 #pragma once
 
+#include <optional>
+
 #include "foundation/math/linear.h"
 #include "foundation/time/epoch.h"
 #include "models/camera/camera.h"
@@ -19,6 +21,8 @@ struct BeaconMeasurement {
   // it; what a later one tells beyond that is noise of its own (a proton in the spot).
   double repeating_sigma_px = 0.0;
   Mat3 R_CN = Mat3::Identity();  // attitude from the stars of the same frame
+  // By which velocity (barycentric, N) those stars were aberrated; without it: by the true one.
+  std::optional<Vec3> v_stars_m_s{};
   // Of the attitude error theta (rad, camera axes): R_CN_true = exp(-[theta]x) R_CN.
   Mat3 attitude_covariance_rad2 = Mat3::Zero();
   // Its share that repeats from image to image of a window, as the stars do; carried as above.

@@ -145,9 +145,9 @@ Result<void> Awakening::sight(Event& event, Epoch clock, const State& truth, con
   return {};
 }
 
-void Awakening::add(Event& image, const navigation::BeaconMeasurement& measurement, const Vec3& v_stars_m_s) {
+void Awakening::add(Event& image, const navigation::BeaconMeasurement& measurement) {
   image.for_start = image.attitude_found = image.planet_found = true;
-  start_->add(measurement, v_stars_m_s);
+  start_->add(measurement);
 }
 
 Result<bool> Awakening::finish(executive::Navigator& navigator, Records& records) {

@@ -31,7 +31,7 @@ class Awakening {
   // False: it does not; why() says more.
   Result<bool> survey(int cycle, executive::Navigator& navigator, Records& records);
   // An image of a window, for the batch.
-  void add(Event& image, const navigation::BeaconMeasurement& measurement, const Vec3& v_stars_m_s);
+  void add(Event& image, const navigation::BeaconMeasurement& measurement);
   executive::ColdStart& cold_start() { return *start_; }
   // After both windows. True: the navigator has a state.
   Result<bool> finish(executive::Navigator& navigator, Records& records);

@@ -127,7 +127,7 @@ Result<void> Eyes::photograph(Event& event, Epoch clock, const State& truth_O, c
                                      : navigator.look(std::as_const(frame_).view(), tagged, beacon, commanded);
   if (!look) return forward(look);
   event.for_start = start != nullptr;
-  if (start != nullptr && look->measured) start->add(look->measurement, navigator.filter().state().v_m_s);
+  if (start != nullptr && look->measured) start->add(look->measurement);
   const double onboard_ms = milliseconds_since(before);
   const vision::StageTimes& stages = look->frame->time_ms;
   records.stage_ms_sum.centroid += stages.centroid;

@@ -144,10 +144,11 @@ Result<Records> Flight::fly() {
   }
   const auto is_sight = [](const Event& e) { return e.kind == EventKind::image; };
   if (options_.level != Level::cov && std::none_of(records_.events.begin(), records_.events.end(), is_sight)) {
-    return fail(ErrorCode::no_match,
-                "no beacon could be looked at in any of {0} cycles (Sun, size or limiting magnitude; `astronav beacons` "
-                "says why)",
-                {static_cast<double>(cycles)}, "conops");
+    return fail(
+        ErrorCode::no_match,
+        "no beacon could be looked at in any of {0} cycles (Sun, size or limiting magnitude; `astronav beacons` "
+        "says why)",
+        {static_cast<double>(cycles)}, "conops");
   }
   records_.cycles = cycles;
   records_.begin = begin;
@@ -194,6 +195,7 @@ Result<void> Flight::fly_cycle(int cycle) {
     awakening_.reset();
     if (const auto ok = navigator_->coast_to(timeline_->window_end(cycle, 1)); !ok) return ok;
   }
+  if (const auto flown = navigator_->end_flight(); !flown) return forward(flown);
   if (const auto ok = record(EventKind::cycle_end, cycle, 1, *last); !ok) return ok;
   return cycle + 1 < timeline_->cycles() ? coast(cycle) : Result<void>{};
 }
@@ -299,7 +301,11 @@ Result<void> Flight::measure(Event& image, const State& truth, BodyId beacon) {
   m.pixel = {pixel->u + noise.x(), pixel->v + noise.y()};
   m.pixel_covariance_px2 = std::max(sigma_px * sigma_px, floor_px * floor_px) * Mat2::Identity();
   const Mat3& R_CN = pointing_->R_CN();
-  m.R_CN = awakening_ ? attitude_among_stars(R_CN, truth.v_m_s, navigator_->filter().state().v_m_s) : R_CN;
+  m.R_CN = R_CN;
+  if (awakening_) {
+    m.v_stars_m_s = navigator_->filter().state().v_m_s;
+    m.R_CN = attitude_among_stars(R_CN, truth.v_m_s, *m.v_stars_m_s);
+  }
   use(image, m);
   image.planet_error_px = noise;
   return {};
@@ -317,7 +323,7 @@ Result<void> Flight::expect(Event& image, const State& truth, BodyId beacon) {
 
 void Flight::use(Event& image, const navigation::BeaconMeasurement& m) {
   if (awakening_) {
-    awakening_->add(image, m, navigator_->filter().state().v_m_s);
+    awakening_->add(image, m);
     return;
   }
   const auto before = Clock::now();
