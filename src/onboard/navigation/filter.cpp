@@ -29,6 +29,7 @@ AgeingLaws ageing_laws(const FilterSettings& settings) {
     return laws[static_cast<std::size_t>(state - kDynamicStates)];
   };
   law(index::focal) = settings.focal;
+  law(index::clock) = settings.clock;
   law(index::k1) = settings.k1;
   law(index::bias) = law(index::bias + 1) = settings.bias;
   for (int i = 0; i < kBeaconBodies; ++i) {

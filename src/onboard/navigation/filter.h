@@ -51,7 +51,8 @@ struct FilterSettings {
   // not at all.
   Duration window_memory = Duration::seconds(0.0);
   double photocentre_tau_s = 1000.0 * 86400.0;
-  double ephemeris_tau_s = 1000.0 * 86400.0;  // of the lasting error
+  double ephemeris_tau_s = 1000.0 * 86400.0;                   // of the lasting error
+  GaussMarkov clock{.sigma = 0.0, .tau_s = 1000.0 * 86400.0};  // onboard less true, s; 0: it is right
 
   double gate_probability = 0.9999;  // measurement editing: chi-square of 2 degrees; 1 takes everything
   // After this many rejections in a row that agree with each other, the filter doubts itself: its covariance grows

@@ -44,6 +44,7 @@ Filter::SightPrediction Filter::predict(const StateVector& x, const Beacon& beac
                        x.segment<3>(index::velocity) * unit::velocity_m_s};
   State body = beacon.state;
   if (beacon.place >= 0) body.p_m += beacon.along_and_across * x.segment<2>(beacon.place) * unit::length_m;
+  body.p_m -= x[index::clock] * beacon.state.v_m_s;
   const double light = beacon.light < 0 ? 1.0 : 1.0 + x[beacon.light];
   SightSettings settings = settings_.sight;
   settings.centre_of_light_scale *= light;
@@ -54,6 +55,7 @@ Filter::SightPrediction Filter::predict(const StateVector& x, const Beacon& beac
   out.by_state.middleCols<3>(index::velocity) = sight.by_velocity * unit::velocity_m_s;
   if (beacon.light >= 0 && light != 0.0) out.by_state.col(beacon.light) = sight.shift_N / light;
   // It is only their difference that counts.
+  out.by_state.col(index::clock) = sight.by_position * beacon.state.v_m_s;
   if (beacon.place >= 0)
     out.by_state.middleCols<2>(beacon.place) = -sight.by_position * beacon.along_and_across * unit::length_m;
   return out;

@@ -123,6 +123,7 @@ TEST(FilterNumerics, CovarianceStaysSymmetricAndPositiveOver2000Days) {
   FilterSettings settings = campaign_settings();
   settings.process.acceleration.sigma = 1e-9;
   settings.process.solar_pressure.sigma = 0.05;
+  settings.clock.sigma = 0.1;
   const BodyId bodies[] = {body::mercury, body::venus,  body::earth,  body::mars,
                            body::jupiter, body::saturn, body::uranus, body::neptune};
   for (std::size_t i = 0; i < settings.beacon_errors.size(); ++i)

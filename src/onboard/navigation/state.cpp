@@ -4,7 +4,7 @@
 namespace astronav::navigation {
 
 StateVector state_scales() {
-  StateVector scales = StateVector::Ones();  // kg, relative errors, rad, px stay as they are
+  StateVector scales = StateVector::Ones();  // kg, relative errors, rad, px, seconds of the clock stay as they are
   scales.segment<3>(index::position).setConstant(unit::length_m);
   scales.segment<3>(index::velocity).setConstant(unit::velocity_m_s);
   scales.segment<3>(index::acceleration).setConstant(unit::acceleration_m_s2);

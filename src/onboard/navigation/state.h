@@ -14,6 +14,8 @@
 //   18..25 xi_p    centre of light, one for each planet of FilterSettings::beacon_errors: relative error of its shift
 //                  from the centre
 //   26..41 xi_e    place, two for each of them: along its orbit and across the orbit's plane, m (ephemeris.h)
+//   42     xi_t    the onboard clock less the true time, s: planets stand where they were so much earlier than its tags
+//   say
 // xi_p and xi_e are the same in every window: what is put into R or a window's bias instead averages out in the
 // covariance and not in the truth.
 //
@@ -30,12 +32,13 @@ namespace astronav::navigation {
 
 inline constexpr int kBeaconBodies = 8;
 inline constexpr int kDynamicStates = 14;
-inline constexpr int kAgeingStates = 4 + 3 * kBeaconBodies;
+inline constexpr int kAgeingStates = 4 + 3 * kBeaconBodies + 1;
 inline constexpr int kStates = kDynamicStates + kAgeingStates;
 namespace index {
 inline constexpr int position = 0, velocity = 3, mass = 6, acceleration = 7, thrust = 10, solar_pressure = 13;
 inline constexpr int camera = 14, focal = 14, k1 = 15, bias = 16;
 inline constexpr int photocentre = camera + 4, ephemeris = photocentre + kBeaconBodies;
+inline constexpr int clock = ephemeris + 2 * kBeaconBodies;
 }  // namespace index
 
 using StateVector = Eigen::Matrix<double, kStates, 1>;

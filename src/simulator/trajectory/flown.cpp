@@ -1,11 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulator/trajectory/flown.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "foundation/math/random.h"
 
 namespace astronav::trajectory {
+namespace {
+
+Result<dynamics::Kicks> join(const std::vector<dynamics::Kick>& corrections, const std::vector<dynamics::Kick>& drawn,
+                             Duration length) {
+  std::vector<dynamics::Kick> all = corrections;
+  for (const dynamics::Kick& kick : drawn) {
+    const bool overlapped = std::any_of(corrections.begin(), corrections.end(), [&](const dynamics::Kick& c) {
+      return kick.begin < c.begin + length && c.begin < kick.begin + length;
+    });
+    if (!overlapped) all.push_back(kick);
+  }
+  std::sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.begin < b.begin; });
+  return dynamics::Kicks::at_times(std::move(all), length);
+}
+
+}  // namespace
 
 Result<FlightPlan> plan_along(const Trajectory& designed, ThrustPlan thrust) {
   const auto initial = designed.state(designed.begin());
@@ -33,6 +50,11 @@ Result<Flight> fly(const Ephemeris& ephemeris, const dynamics::ForceSettings& fo
   if (disturbances.unloading) {
     RandomStream kicks_stream = stream("kicks");
     auto kicks = dynamics::Kicks::draw(disturbances.kicks, plan.begin, plan.end, kicks_stream);
+    if (!kicks) return forward(kicks);
+    events.kicks = std::move(*kicks);
+  }
+  if (!disturbances.corrections.empty()) {
+    auto kicks = join(disturbances.corrections, events.kicks.list(), disturbances.kicks.length);
     if (!kicks) return forward(kicks);
     events.kicks = std::move(*kicks);
   }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "foundation/base/error.h"
 #include "foundation/time/epoch.h"
@@ -28,6 +29,8 @@ struct Disturbances {
   dynamics::ThrustErrors thrust = {};
   bool unloading = false;  // of momentum, by kicks
   dynamics::KickSettings kicks = {};
+  // Beside them: as flown, ascending. A drawn kick that one of these overlaps does not happen.
+  std::vector<dynamics::Kick> corrections = {};
 };
 
 struct Flight {

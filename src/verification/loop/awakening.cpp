@@ -111,7 +111,7 @@ Result<void> Awakening::take_picture(Epoch epoch, int cycle, int number, int pic
   const auto seen_from = world_.truth_from_onboard_origin(epoch);
   if (!seen_from) return forward(seen_from);
   event.truth = *seen_from;
-  const Epoch clock = onboard_clock(scenario_, epoch);
+  const Epoch clock = world_.onboard_clock(epoch);
   const StreamId noise{.seed = options_.seed, .sample = options_.sample, .image = index, .purpose = "survey frame"};
   const auto done = eyes_ != nullptr ? eyes_->survey(event, clock, *truth, R_CN, believed_.exposure_s, noise, *start_)
                                      : sight(event, clock, *truth, R_CN, noise);

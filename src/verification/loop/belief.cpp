@@ -61,6 +61,7 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
     settings.beacon_errors[i] = {planets[i], belief.ephemeris_sigma_km * 1e3, belief.photocentre_sigma,
                                  lasting_km[i] * 1e3};
   }
+  settings.clock = {.sigma = belief.clock_sigma_ms * 1e-3, .tau_s = belief.clock_tau_days * 86400.0};
   if (level == Level::mil) {
     settings.focal.sigma = settings.k1.sigma = settings.bias.sigma = 0.0;
     settings.adaptive_noise = false;

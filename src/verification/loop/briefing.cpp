@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "verification/loop/briefing.h"
 
+#include <algorithm>
+
 #include "foundation/math/random.h"
 #include "verification/loop/belief.h"
 
@@ -11,10 +13,18 @@ Briefing::Briefing(const scenario::Scenario& scenario, const FlyOptions& options
   for (const ThrustArc& arc : world_.thrust_plan().arcs)
     commands_.push_back({arc.begin, arc.end, {arc.force_n, arc.specific_impulse_s, arc.direction_N}});
   const scenario::OnboardFilter& belief = scenario_.onboard.filter;
-  if (!belief.knows_unloading) return;
+  if (belief.knows_unloading) hear_of_kicks(belief.unloading_error_relative);
+  if (const auto& correction = world_.correction(); correction && belief.knows_maneuver) {
+    const double sigma_m_s = scenario_.truth.upsets.maneuver_error_relative * correction->delta_v_N_m_s.norm();
+    kicks_.push_back({correction->begin, correction->delta_v_N_m_s, sigma_m_s});
+    std::sort(kicks_.begin(), kicks_.end(), [](const auto& a, const auto& b) { return a.epoch < b.epoch; });
+  }
+}
+
+void Briefing::hear_of_kicks(double error_relative) {
   RandomStream stream({.seed = options_.seed, .sample = options_.sample, .purpose = "reported kicks"});
   for (const dynamics::Kick& kick : world_.kicks()) {
-    const double sigma_m_s = belief.unloading_error_relative * kick.delta_v_N_m_s.norm();
+    const double sigma_m_s = error_relative * kick.delta_v_N_m_s.norm();
     const Vec3 error(stream.normal(0.0, sigma_m_s), stream.normal(0.0, sigma_m_s), stream.normal(0.0, sigma_m_s));
     kicks_.push_back({kick.begin, kick.delta_v_N_m_s + error, sigma_m_s});
   }
@@ -32,7 +42,7 @@ Result<navigation::InitialState> Briefing::first_state(Epoch epoch) const {
   const double sigma_v = belief.initial_velocity_sigma_km_s * 1e3;
   RandomStream stream({.seed = options_.seed, .sample = options_.sample, .purpose = "initial error"});
   navigation::InitialState initial;
-  initial.epoch = epoch;
+  initial.epoch = world_.onboard_clock(epoch);
   initial.state = *truth;
   if (options_.level != Level::cov) {
     for (int i = 0; i < 3; ++i) initial.state.p_m[i] += stream.normal(0.0, sigma_p);

@@ -27,6 +27,8 @@ class Briefing {
   Result<navigation::InitialState> first_state(Epoch epoch) const;
 
  private:
+  void hear_of_kicks(double error_relative);
+
   const scenario::Scenario& scenario_;
   const FlyOptions& options_;
   const World& world_;

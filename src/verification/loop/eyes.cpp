@@ -93,7 +93,7 @@ Result<void> Eyes::expose(Epoch epoch, const State& truth_O, const Mat3& R_CN, d
   render::Exposure exposure{.duration_s = exposure_s};
   exposure.sun_C_m = R_CN * world_.sky().sun_N_m(epoch, truth_O);
   sources_ = render::place_sources(*sky, camera, R_CN, exposure);
-  world_.renderer().frame(sources_, exposure, noise, frame_);
+  world_.renderer(epoch).frame(sources_, exposure, noise, frame_);
   return {};
 }
 

@@ -14,6 +14,8 @@ scenario::Scenario undisturbed(scenario::Scenario s) {
   s.truth.thrust = {};
   s.truth.unloading.on = false;
   s.truth.clock = {};
+  s.truth.upsets.clock_step_ms = 0.0;
+  s.truth.upsets.maneuver_errs = false;
   s.truth.pointing.jitter_arcsec = 0.0;
   s.truth.photocentre = {.on = s.truth.photocentre.on};
   s.truth.camera.file = s.onboard.camera.file;

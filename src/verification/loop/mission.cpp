@@ -57,6 +57,8 @@ class Flight {
 
   Result<Event> event(EventKind kind, Epoch epoch, int cycle, int window, BodyId body) const;
   Result<void> record(EventKind kind, int cycle, int window, BodyId body);
+  Epoch clock(Epoch epoch) const;
+  Result<void> coast_to(Epoch epoch);
   bool worth_keeping(const Event& image) const;
   void progress(const executive::Timeline& timeline, int cycle, int window, int k, BodyId beacon) const;
 
@@ -77,6 +79,7 @@ class Flight {
   std::optional<Pointing> pointing_;
   std::unique_ptr<Awakening> awakening_;  // until there is a state, where none was told
   Records records_;
+  Epoch now_;  // true time, to which was coasted
 };
 
 Result<void> Flight::prepare() {
@@ -193,7 +196,7 @@ Result<void> Flight::fly_cycle(int cycle) {
     const auto started = awakening_->finish(*navigator_, records_);
     if (!started || !*started) return started ? Result<void>{} : forward(started);
     awakening_.reset();
-    if (const auto ok = navigator_->coast_to(timeline_->window_end(cycle, 1)); !ok) return ok;
+    if (const auto ok = coast_to(timeline_->window_end(cycle, 1)); !ok) return ok;
   }
   if (const auto flown = navigator_->end_flight(); !flown) return forward(flown);
   if (const auto ok = record(EventKind::cycle_end, cycle, 1, *last); !ok) return ok;
@@ -202,7 +205,7 @@ Result<void> Flight::fly_cycle(int cycle) {
 
 // The beacon of the second.
 Result<BodyId> Flight::fly_windows(int cycle) {
-  if (const auto ok = navigator_->coast_to(timeline_->window_begin(cycle, 0)); !ok) return forward(ok);
+  if (const auto ok = coast_to(timeline_->window_begin(cycle, 0)); !ok) return forward(ok);
   const auto selection = navigator_->select();
   if (!selection) return forward(selection);
   BodyId beacons[2];
@@ -218,7 +221,7 @@ Result<BodyId> Flight::fly_windows(int cycle) {
     if (beacons[window] != BodyId{}) {
       if (const auto ok = fly_window(cycle, window, beacons[window]); !ok) return forward(ok);
     }
-    if (const auto ok = navigator_->coast_to(timeline_->window_end(cycle, window)); !ok) return forward(ok);
+    if (const auto ok = coast_to(timeline_->window_end(cycle, window)); !ok) return forward(ok);
     if (const auto ok = record(EventKind::window_end, cycle, window, beacons[window]); !ok) return forward(ok);
   }
   return beacons[1];
@@ -227,17 +230,17 @@ Result<BodyId> Flight::fly_windows(int cycle) {
 Result<void> Flight::coast(int cycle) {
   const Epoch end = timeline_->coast_end(cycle);
   for (Epoch t = timeline_->window_end(cycle, 1) + Duration::days(1.0); t < end; t = t + Duration::days(1.0)) {
-    if (const auto ok = navigator_->coast_to(t); !ok) return ok;
+    if (const auto ok = coast_to(t); !ok) return ok;
     if (const auto ok = record(EventKind::coast_sample, cycle, 1, BodyId{}); !ok) return ok;
   }
-  if (const auto ok = navigator_->coast_to(end); !ok) return ok;
+  if (const auto ok = coast_to(end); !ok) return ok;
   return record(EventKind::coast_end, cycle, 1, BodyId{});
 }
 
 Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
   pointing_->begin_window(cycle, window);
   const Epoch first = timeline_->image_epoch(cycle, window, 0);
-  if (const auto ok = navigator_->prepare_window(beacon, onboard_clock(scenario_, first)); !ok) return ok;
+  if (const auto ok = navigator_->prepare_window(beacon, clock(first)); !ok) return ok;
   if (forecast_) {
     const auto truth = world_.trajectory().state(first);
     if (!truth) return forward(truth);
@@ -245,7 +248,9 @@ Result<void> Flight::fly_window(int cycle, int window, BodyId beacon) {
   }
   for (int k = 0; k < timeline_->images_per_window(); ++k) {
     progress(*timeline_, cycle, window, k, beacon);
-    if (const auto ok = take_image(cycle, window, timeline_->image_epoch(cycle, window, k), beacon); !ok) return ok;
+    const Epoch epoch = timeline_->image_epoch(cycle, window, k);
+    if (world_.is_safe(epoch)) continue;
+    if (const auto ok = take_image(cycle, window, epoch, beacon); !ok) return ok;
   }
   return {};
 }
@@ -254,7 +259,7 @@ Result<void> Flight::take_image(int cycle, int window, Epoch mid_exposure, BodyI
   const auto truth = world_.trajectory().state(mid_exposure);
   if (!truth) return forward(truth);
   const auto before = Clock::now();
-  const auto aim = navigator_->aim(beacon, onboard_clock(scenario_, mid_exposure));
+  const auto aim = navigator_->aim(beacon, clock(mid_exposure));
   records_.stage_ms_sum.propagate += milliseconds_since(before);
   if (!aim) return forward(aim);
   pointing_->point(*aim, mid_exposure, records_.images);
@@ -297,7 +302,7 @@ Result<void> Flight::measure(Event& image, const State& truth, BodyId beacon) {
   if (stream.uniform() < mil.outlier_share) noise *= mil.outlier_scale;
   navigation::BeaconMeasurement m;
   m.body = beacon;
-  m.mid_exposure = onboard_clock(scenario_, image.epoch);
+  m.mid_exposure = world_.onboard_clock(image.epoch);
   m.pixel = {pixel->u + noise.x(), pixel->v + noise.y()};
   m.pixel_covariance_px2 = std::max(sigma_px * sigma_px, floor_px * floor_px) * Mat2::Identity();
   const Mat3& R_CN = pointing_->R_CN();
@@ -346,7 +351,7 @@ Result<void> Flight::photograph(Event& image, const State& truth, BodyId beacon)
                        .sample = options_.sample,
                        .image = static_cast<std::uint64_t>(image.image),
                        .purpose = "frame"};
-  return eyes_->photograph(image, onboard_clock(scenario_, image.epoch), truth, *pointing_, beacon, noise, *navigator_,
+  return eyes_->photograph(image, world_.onboard_clock(image.epoch), truth, *pointing_, beacon, noise, *navigator_,
                            records_, worth_keeping(image), awakening_ ? &awakening_->cold_start() : nullptr);
 }
 
@@ -377,8 +382,18 @@ Result<Event> Flight::event(EventKind kind, Epoch epoch, int cycle, int window, 
   return e;
 }
 
+// By its own clock, which may have been set back.
+Epoch Flight::clock(Epoch epoch) const {
+  return std::max(world_.onboard_clock(epoch), navigator_->filter().epoch());
+}
+
+Result<void> Flight::coast_to(Epoch epoch) {
+  now_ = epoch;
+  return navigator_->coast_to(clock(epoch));
+}
+
 Result<void> Flight::record(EventKind kind, int cycle, int window, BodyId body) {
-  auto e = event(kind, navigator_->filter().epoch(), cycle, window, body);
+  auto e = event(kind, now_, cycle, window, body);
   if (!e) return forward(e);
   records_.events.push_back(std::move(*e));
   return {};

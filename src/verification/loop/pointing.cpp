@@ -27,7 +27,7 @@ Result<Pointing> Pointing::create(const scenario::Scenario& scenario, const FlyO
                                   const Camera& believed) {
   const auto axes = executive::pixel_axes(world.camera().intrinsics);
   if (!axes) return forward(axes);
-  return Pointing(scenario, options, believed.intrinsics.plate_scale_rad_px(), *axes);
+  return Pointing(scenario, options, world, believed.intrinsics.plate_scale_rad_px(), *axes);
 }
 
 StreamId Pointing::stream(std::string_view purpose, int number) const {
@@ -80,7 +80,7 @@ void Pointing::turn(const Mat3& R_PN_before, Epoch before, Epoch now) {
   const auto at = [&](int k) { return k == count ? now : before + Duration::seconds(seconds * k / count); };
   for (int k = 0; k < count; ++k) {
     const Vec3 rate = turn.mean_rate_rad_s(at(k), at(k + 1));
-    samples_.push_back({onboard_clock(scenario_, at(k)), onboard_clock(scenario_, at(k + 1)),
+    samples_.push_back({world_.onboard_clock(at(k)), world_.onboard_clock(at(k + 1)),
                         gyro_->measure(rate, (at(k + 1) - at(k)).seconds())});
   }
 }

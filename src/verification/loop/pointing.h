@@ -41,13 +41,15 @@ class Pointing {
   bool after_slew() const { return after_slew_; }
 
  private:
-  Pointing(const scenario::Scenario& scenario, const FlyOptions& options, double plate_scale_rad_px, const Mat3& R_CP)
-      : scenario_(scenario), options_(options), plate_scale_rad_px_(plate_scale_rad_px), R_CP_(R_CP) {}
+  Pointing(const scenario::Scenario& scenario, const FlyOptions& options, const World& world, double plate_scale_rad_px,
+           const Mat3& R_CP)
+      : scenario_(scenario), options_(options), world_(world), plate_scale_rad_px_(plate_scale_rad_px), R_CP_(R_CP) {}
   StreamId stream(std::string_view purpose, int number) const;
   void turn(const Mat3& R_PN_before, Epoch before, Epoch now);
 
   const scenario::Scenario& scenario_;
   const FlyOptions& options_;
+  const World& world_;
   double plate_scale_rad_px_;
   Mat3 R_CP_;
   double roll_rad_ = 0.0;

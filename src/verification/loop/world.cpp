@@ -82,30 +82,49 @@ Result<trajectory::TrajectoryPtr> read_trajectory(const scenario::Mission& missi
 
 }  // namespace
 
+// What is told, in any direction; `flown` is what becomes of it.
+std::optional<dynamics::Kick> World::plan_correction(const trajectory::FlightPlan& plan, std::uint64_t seed,
+                                                     std::uint64_t sample, dynamics::Kick& flown) const {
+  const double size = upsets_.maneuver_m_s;
+  const Epoch begin = plan.begin + Duration::days(upsets_.maneuver_day);
+  if (!(size > 0.0) || begin >= plan.end) return std::nullopt;
+  RandomStream stream({.seed = seed, .sample = sample, .purpose = "maneuver"});
+  const auto draw = [&]() -> Vec3 { return {stream.normal(), stream.normal(), stream.normal()}; };
+  const dynamics::Kick told{begin, size * draw().normalized()};
+  flown = {begin, told.delta_v_N_m_s};
+  if (upsets_.maneuver_errs) flown.delta_v_N_m_s += upsets_.maneuver_error_relative * size * draw();
+  return told;
+}
+
 Result<void> World::fly(const scenario::Scenario& s, const trajectory::FlightPlan& plan,
                         const dynamics::ForceSettings& forces, std::uint64_t seed, std::uint64_t sample) {
   const scenario::TruthUnloading& unloading = s.truth.unloading;
-  const trajectory::Disturbances disturbances{
-      .unmodelled = {.sigma_m_s2 = s.truth.dynamics.unmodelled_acceleration_m_s2,
-                     .tau = Duration::days(s.truth.dynamics.unmodelled_tau_days)},
-      .thrust = {.magnitude_sigma = s.truth.thrust.magnitude_sigma,
-                 .pointing_sigma_rad = s.truth.thrust.pointing_sigma_deg * kDegree,
-                 .tau = Duration::days(s.truth.thrust.tau_days)},
-      .unloading = unloading.on,
-      .kicks = {.smallest_m_s = unloading.smallest_mm_s * 1e-3,
-                .largest_m_s = unloading.largest_mm_s * 1e-3,
-                .shortest_pause = Duration::days(unloading.shortest_pause_days),
-                .longest_pause = Duration::days(unloading.longest_pause_days)}};
+  dynamics::Kick flown;
+  correction_ = plan_correction(plan, seed, sample, flown);
+  trajectory::Disturbances disturbances{.unmodelled = {.sigma_m_s2 = s.truth.dynamics.unmodelled_acceleration_m_s2,
+                                                       .tau = Duration::days(s.truth.dynamics.unmodelled_tau_days)},
+                                        .thrust = {.magnitude_sigma = s.truth.thrust.magnitude_sigma,
+                                                   .pointing_sigma_rad = s.truth.thrust.pointing_sigma_deg * kDegree,
+                                                   .tau = Duration::days(s.truth.thrust.tau_days)},
+                                        .unloading = unloading.on,
+                                        .kicks = {.smallest_m_s = unloading.smallest_mm_s * 1e-3,
+                                                  .largest_m_s = unloading.largest_mm_s * 1e-3,
+                                                  .shortest_pause = Duration::days(unloading.shortest_pause_days),
+                                                  .longest_pause = Duration::days(unloading.longest_pause_days)}};
+  if (correction_) disturbances.corrections.push_back(flown);
   auto flight = trajectory::fly(ephemeris_, forces, plan, disturbances, seed, sample);
   if (!flight) return forward(flight, "truth");
   thrust_plan_ = plan.thrust;
   kicks_ = flight->forces.events().kicks.list();
+  if (correction_) std::erase_if(kicks_, [&](const dynamics::Kick& kick) { return kick.begin == flown.begin; });
   trajectory_ = trajectory::from_arc(std::move(flight->arc));
   return {};
 }
 
 Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::uint64_t seed, std::uint64_t sample) {
   std::unique_ptr<World> world(new World);
+  world->upsets_ = s.truth.upsets;
+  world->clock_offset_s_ = 1e-3 * s.truth.clock.offset_ms;
   auto kernel = open_or_default(s.data.ephemeris_file, "de405_2000_2050.bsp");
   if (!kernel) return forward(kernel);
   world->ephemeris_file_ = std::move(*kernel);
@@ -142,9 +161,15 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
                 "mission.thrust_plan");
   }
   if (world->trajectory_ && !with_thrust && s.truth.unloading.on) {
+    return fail(
+        ErrorCode::invalid_argument,
+        "the trajectory of mission.trajectory_file is flown as it is, and thrusters' kicks cannot be added to it", {},
+        "truth.unloading.on");
+  }
+  if (world->trajectory_ && !with_thrust && s.truth.upsets.maneuver_m_s > 0.0) {
     return fail(ErrorCode::invalid_argument,
-                "the trajectory of mission.trajectory_file is flown as it is, and thrusters' kicks cannot be added to it",
-                {}, "truth.unloading.on");
+                "the trajectory of mission.trajectory_file is flown as it is, and no correction can be added to it", {},
+                "truth.upsets.maneuver_m_s");
   }
   if (!world->trajectory_ || with_thrust) {
     const auto forces = true_forces(s.truth.dynamics);
@@ -174,9 +199,29 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
   return world;
 }
 
-const render::Renderer& World::renderer() {
-  if (!renderer_) renderer_ = std::make_unique<render::Renderer>(camera_, detector_seed_);
-  return *renderer_;
+const render::Renderer& World::renderer(Epoch epoch) {
+  const bool storm = within(upsets_.storm_day, upsets_.storm_days, epoch);
+  std::unique_ptr<render::Renderer>& renderer = storm ? renderer_in_storm_ : renderer_;
+  if (!renderer) {
+    Camera camera = camera_;
+    if (storm) camera.detector.cosmic_rays_cm2_s = upsets_.storm_protons_cm2_s;
+    renderer = std::make_unique<render::Renderer>(camera, detector_seed_);
+  }
+  return *renderer;
+}
+
+bool World::within(double begin_day, double days, Epoch epoch) const {
+  const double now = (epoch - trajectory_->begin()).days();
+  return now >= begin_day && now < begin_day + days;
+}
+
+bool World::is_safe(Epoch epoch) const {
+  return within(upsets_.safe_mode_day, upsets_.safe_mode_days, epoch);
+}
+
+Epoch World::onboard_clock(Epoch epoch) const {
+  const bool stepped = (epoch - trajectory_->begin()).days() >= upsets_.clock_step_day;
+  return epoch + Duration::seconds(clock_offset_s_ + (stepped ? 1e-3 * upsets_.clock_step_ms : 0.0));
 }
 
 Result<State> World::truth_from_onboard_origin(Epoch epoch) const {
@@ -189,10 +234,6 @@ Result<State> World::truth_from_onboard_origin(Epoch epoch) const {
   truth->p_m += onboard->p_m - really->p_m;
   truth->v_m_s += onboard->v_m_s - really->v_m_s;
   return truth;
-}
-
-Epoch onboard_clock(const scenario::Scenario& scenario, Epoch epoch) {
-  return epoch + Duration::seconds(1e-3 * scenario.truth.clock.offset_ms);
 }
 
 Result<std::vector<sky::SkySource>> World::planets(Epoch epoch, const State& spacecraft_O, const Vec3& direction_N,

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -34,14 +35,20 @@ class World {
   bool has_own_ephemeris() const { return truth_ephemeris_file_.bytes().data() != nullptr; }
   const ThrustPlan& thrust_plan() const { return thrust_plan_; }
   std::span<const dynamics::Kick> kicks() const { return kicks_; }
+  // As it was commanded; flown with its error.
+  const std::optional<dynamics::Kick>& correction() const { return correction_; }
   const StarCatalogue& catalogue() const { return catalogue_; }
   const trajectory::Trajectory& trajectory() const { return *trajectory_; }
   const Camera& camera() const { return camera_; }
   const sky::Sky& sky() const { return *sky_; }
   const sky::SkySettings& sky_settings() const { return sky_settings_; }
   const BandPhotometry& band() const { return *band_; }
-  // Made at the first call: a mission without images does without its maps.
-  const render::Renderer& renderer();
+  // Made at the first call: a mission without images does without its maps. In a storm another.
+  const render::Renderer& renderer(Epoch epoch);
+  // What the onboard clock shows.
+  Epoch onboard_clock(Epoch epoch) const;
+  // Whether the spacecraft lies in a safe mode.
+  bool is_safe(Epoch epoch) const;
 
   // Where the spacecraft is, counted as the onboard software counts: from the Sun of its own ephemeris. Two ephemerides
   // put the barycentre at different places beside it (DE405 and DE430: 1 km, DE440: 116 km).
@@ -54,6 +61,10 @@ class World {
 
  private:
   World() = default;
+  // Since the trajectory began, in days.
+  bool within(double begin_day, double days, Epoch epoch) const;
+  std::optional<dynamics::Kick> plan_correction(const trajectory::FlightPlan& plan, std::uint64_t seed,
+                                                std::uint64_t sample, dynamics::Kick& flown) const;
   // The plan as it is flown: with the forces that nobody modelled, errors of the engine, kicks.
   Result<void> fly(const scenario::Scenario& scenario, const trajectory::FlightPlan& plan,
                    const dynamics::ForceSettings& forces, std::uint64_t seed, std::uint64_t sample);
@@ -61,7 +72,10 @@ class World {
   MappedFile ephemeris_file_, truth_ephemeris_file_, catalogue_file_, trajectory_file_;
   Ephemeris ephemeris_, onboard_ephemeris_;
   ThrustPlan thrust_plan_;             // what the engine is told
-  std::vector<dynamics::Kick> kicks_;  // that happened
+  std::vector<dynamics::Kick> kicks_;  // that happened beside the correction
+  std::optional<dynamics::Kick> correction_;
+  scenario::TruthUpsets upsets_;
+  double clock_offset_s_ = 0.0;
   StarCatalogue catalogue_;
   trajectory::TrajectoryPtr trajectory_;
   Camera camera_;
@@ -69,10 +83,7 @@ class World {
   sky::SkySettings sky_settings_;
   std::unique_ptr<sky::Sky> sky_;
   std::unique_ptr<BandPhotometry> band_;
-  std::unique_ptr<render::Renderer> renderer_;
+  std::unique_ptr<render::Renderer> renderer_, renderer_in_storm_;
 };
-
-// What the onboard clock shows.
-Epoch onboard_clock(const scenario::Scenario& scenario, Epoch epoch);
 
 }  // namespace astronav::loop

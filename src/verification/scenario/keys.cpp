@@ -84,6 +84,17 @@ const std::array kKeys{
 
     NUMBER(truth.clock.offset_ms, "ms", -10000.0, 10000.0, "onboard clock less the true time"),
 
+    NUMBER(truth.upsets.safe_mode_day, "d", 0.0, 10000.0, "when the spacecraft falls into a safe mode: no images, and nothing is tracked; days of all upsets count from the trajectory's begin, as first_window_day does"),
+    NUMBER(truth.upsets.safe_mode_days, "d", 0.0, 10000.0, "how long it stays there; 0: never, a fraction of an hour: a lost window"),
+    NUMBER(truth.upsets.storm_day, "d", 0.0, 10000.0, "when a proton storm begins (of effect on images, so with `--level sil`)"),
+    NUMBER(truth.upsets.storm_days, "d", 0.0, 10000.0, "how long it lasts; 0: none"),
+    NUMBER(truth.upsets.storm_protons_cm2_s, "1/cm2/s", 0.0, 1e5, "its protons on the detector, in place of the camera's own cosmic rays"),
+    NUMBER(truth.upsets.clock_step_day, "d", 0.0, 10000.0, "when the onboard clock jumps"),
+    NUMBER(truth.upsets.clock_step_ms, "ms", -10000.0, 10000.0, "by how much; 0: it does not"),
+    NUMBER(truth.upsets.maneuver_day, "d", 0.0, 10000.0, "when the spacecraft corrects its course, in any direction"),
+    NUMBER(truth.upsets.maneuver_m_s, "m/s", 0.0, 1000.0, "by how much it is told to; 0: it does not"),
+    NUMBER(truth.upsets.maneuver_error_relative, "", 0.0, 1.0, "error of what is flown over the size of what was told, 1 sigma per axis"),
+
     NUMBER(truth.pointing.jitter_arcsec, "arcsec", 0.0, 3600.0, "pointing error of each image beside the dither, 1 sigma per axis"),
 
     NUMBER(truth.pointing.sun_sensor_deg, "deg", 0.0, 10.0, "error of the sun sensor, 1 sigma per axis; asked only by a start from a survey"),
@@ -122,6 +133,9 @@ const std::array kKeys{
     NUMBER(onboard.filter.thrust_tau_days, "d", 0.01, 1000.0, "correlation time of both"),
     SWITCH(onboard.filter.knows_unloading, "kicks are reported to the filter, with the error that follows; false: unmodelled acceleration has to cover them"),
     NUMBER(onboard.filter.unloading_error_relative, "", 0.0, 1.0, "error of a reported kick over its size, 1 sigma per axis"),
+    SWITCH(onboard.filter.knows_maneuver, "a correction of truth.upsets is told to the filter as it was commanded, with its true error's sigma; false: nobody tells it"),
+    NUMBER(onboard.filter.clock_sigma_ms, "ms", 0.0, 10000.0, "error of the onboard clock that the filter allows for and estimates from the planets' own motion, 1 sigma; 0: it is right"),
+    NUMBER(onboard.filter.clock_tau_days, "d", 1.0, 1e6, "how long that error stays the same: correlation time; some weeks where it may jump"),
     NUMBER(onboard.filter.camera_focal_relative_sigma, "", 0.0, 0.1, "focal length error that the filter allows for (first-order Gauss-Markov), relative, 1 sigma"),
     NUMBER(onboard.filter.camera_k1_sigma, "", 0.0, 1.0, "error of the radial distortion k1 that the filter allows for (first-order Gauss-Markov), 1 sigma"),
     NUMBER(onboard.filter.camera_tau_days, "d", 0.01, 10000.0, "correlation time of both"),

@@ -95,6 +95,15 @@ struct TruthClock {
   double offset_ms = 0.0;
 };
 
+// What goes wrong once. Days count from where the trajectory begins; a length or a size of 0: it does not happen.
+struct TruthUpsets {
+  double safe_mode_day = 0.0, safe_mode_days = 0.0;
+  double storm_day = 0.0, storm_days = 0.0, storm_protons_cm2_s = 200.0;
+  double clock_step_day = 0.0, clock_step_ms = 0.0;
+  double maneuver_day = 0.0, maneuver_m_s = 0.0, maneuver_error_relative = 0.02;
+  bool maneuver_errs = true;  // no key: a covariance analysis flies as commanded, and knows the error's sigma
+};
+
 struct TruthPointing {
   double jitter_arcsec = 10.0;
   double sun_sensor_deg = 1.0;
@@ -146,6 +155,9 @@ struct OnboardFilter {
   double thrust_tau_days = 1.0;
   bool knows_unloading = true;
   double unloading_error_relative = 0.05;
+  bool knows_maneuver = true;
+  double clock_sigma_ms = 0.0;
+  double clock_tau_days = 1000.0;
   double camera_focal_relative_sigma = 1e-5;
   double camera_k1_sigma = 1e-4;
   double camera_tau_days = 30.0;
@@ -212,6 +224,7 @@ struct Scenario {
     TruthThrust thrust;
     TruthUnloading unloading;
     TruthClock clock;
+    TruthUpsets upsets;
     TruthPointing pointing;
     TruthGyro gyro;
     TruthPhotocentre photocentre;
