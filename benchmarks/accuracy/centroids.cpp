@@ -13,6 +13,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "benchmarks/accuracy/arguments.h"
 #include "benchmarks/accuracy/centroid_scene.h"
 #include "foundation/math/random.h"
 #include "foundation/math/statistics.h"
@@ -277,12 +278,23 @@ int main(int argc, char** argv) {
   std::string_view only;  // a word in the camera's name
   for (int i = 1; i < argc; ++i) {
     const std::string_view word = argv[i];
-    if (word == "stars") stars = true;
-    if (word == "s-curve") s_curve = true;
-    if (word == "planets") planets = true;
-    if (word == "only" && i + 1 < argc) only = argv[++i];
-    if (word == "frames" && i + 1 < argc) frames = std::atoi(argv[++i]);
-    if (word == "windows" && i + 1 < argc) windows = std::atoi(argv[++i]);
+    if (word == "stars") {
+      stars = true;
+    } else if (word == "s-curve") {
+      s_curve = true;
+    } else if (word == "planets") {
+      planets = true;
+    } else if (word == "only" && i + 1 < argc) {
+      only = argv[++i];
+    } else if (word == "frames" && i + 1 < argc) {
+      frames = count_of(argc, argv, ++i, "frames", frames);
+    } else if (word == "windows" && i + 1 < argc) {
+      windows = count_of(argc, argv, ++i, "windows", windows);
+    } else {
+      fmt::print(stderr, "{}: '{}' is none of stars, s-curve, planets, only WORD, frames N, windows N\n", argv[0],
+                 word);
+      return 2;
+    }
   }
   const auto chosen = [&](const TestCamera& camera) { return camera.name.find(only) != std::string::npos; };
   std::vector<TestCamera> cameras{

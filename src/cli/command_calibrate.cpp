@@ -61,8 +61,9 @@ Result<opensky::FieldRange> parse_field(const std::string& text, bool fisheye) {
 Result<opensky::Near> parse_near(const std::string& text) {
   const auto near = parse_numbers(text, 3, 3, "RA,DEC,RADIUS");
   if (!near) return forward(near, "--near");
-  if (!((*near)[2] > 0.0 && std::abs((*near)[1]) <= 90.0)) {
-    return fail(ErrorCode::invalid_argument, "'{s}': a declination within 90 degrees and a radius above 0", {},
+  if (!((*near)[2] > 0.0 && std::abs((*near)[1]) <= 90.0 && std::abs((*near)[0]) <= 360.0)) {
+    return fail(ErrorCode::invalid_argument,
+                "'{s}': a right ascension within 360 degrees, a declination within 90 degrees and a radius above 0", {},
                 "--near", text);
   }
   return opensky::Near{direction_from_radec((*near)[0] * kDegree, (*near)[1] * kDegree), (*near)[2] * kDegree};
@@ -266,6 +267,7 @@ Json to_json(const opensky::Calibration& c, const Options& options) {
       frame["stars_detected"] = f.spots;
       frame["stars_matched"] = f.stars.size();
       frame["residual_rms_px"] = f.rms_px;
+      frame["residual_rms_alone_px"] = std::isnan(f.rms_alone_px) ? Json(nullptr) : Json(f.rms_alone_px);
       frame["stars"] = Json::array();
       for (const opensky::CalibrationStar& s : f.stars) {
         frame["stars"].push_back({{"id", s.id},
@@ -315,8 +317,11 @@ void tell(const opensky::Calibration& c, const Options& options) {
       continue;
     }
     const Pointing p = pointing_from_R_CN(f.R_CN);
-    fmt::print("{}: boresight RA {:.4f} Dec {:+.4f} roll {:.3f} deg, {} stars, {:.3f} px rms\n", options.images[k],
-               p.ra_rad / kDegree, p.dec_rad / kDegree, p.roll_rad / kDegree, f.stars.size(), f.rms_px);
+    fmt::print("{}: boresight RA {:.4f} Dec {:+.4f} roll {:.3f} deg, {} stars, {:.3f} px rms{}\n", options.images[k],
+               p.ra_rad / kDegree, p.dec_rad / kDegree, p.roll_rad / kDegree, f.stars.size(), f.rms_px,
+               f.stands_apart()
+                   ? fmt::format(", alone {:.3f}: is it of this camera, and of the same focus?", f.rms_alone_px)
+                   : "");
     for (const opensky::ForetoldPlanet& planet : f.planets) {
       if (!planet.measured) continue;
       fmt::print("  {}, not used, foretold at ({:.2f}, {:.2f}) px, seen at ({:.2f}, {:.2f}): {:.2f} px off\n",

@@ -33,7 +33,29 @@ struct Options {
   std::string out;
   std::string schema;
   bool json = false;
+  bool smooth = false;
 };
+
+using Json = nlohmann::ordered_json;
+
+// What the ground knows afterwards: errors of the same places, by all images.
+Json smoothed_json(const loop::Summary& s) {
+  const Json all = Json::parse(loop::to_json(s, -1));
+  return {{"position_error_km", all["position_error_km"]},
+          {"velocity_error_m_s", all["velocity_error_m_s"]},
+          {"nees_mean", all["nees_mean"]}};
+}
+
+void tell_smoothed(const loop::Summary& s) {
+  if (s.steady_count == 0) return;
+  const loop::ErrorSummary &p = s.position_error_km, &v = s.velocity_error_m_s;
+  fmt::print(
+      "  Afterwards, by all images: after the second window {:.3g} km (bound {:.3g}), {:.3g} m/s ({:.3g}); at the end "
+      "of "
+      "a coast {:.3g} km ({:.3g}), {:.3g} m/s ({:.3g}); NEES {:.2f}\n",
+      p.worst_axis(), p.worst_formal_axis(), v.worst_axis(), v.worst_formal_axis(), p.end_of_coast.worst_axis(),
+      p.end_of_coast.worst_formal_axis(), v.end_of_coast.worst_axis(), v.end_of_coast.worst_formal_axis(), s.nees_mean);
+}
 
 Result<int> print_schema(const Options& options) {
   if (options.json) {
@@ -73,6 +95,9 @@ Result<int> run(const Options& options) {
   fly.level = *level;
   fly.seed = options.seed.value_or(draft->seed());
   fly.sample = draft->sample();
+  fly.smooth = options.smooth;
+  if (fly.smooth && fly.level == loop::Level::cov)
+    return fail(ErrorCode::invalid_argument, "the level cov has no sights to look back on; mil or sil", {}, "--smooth");
   const auto scenario = draft->resolve(fly.seed, fly.sample);
   if (!scenario) return forward(scenario);
   const std::filesystem::path out =
@@ -95,12 +120,15 @@ Result<int> run(const Options& options) {
   const std::filesystem::path report = out / "report.html";
   if (auto ok = write_file(report, report::mission_html(*records, summary)); !ok) return forward(ok);
   if (options.json) {
-    auto line = nlohmann::ordered_json::parse(loop::to_json(summary, -1));
+    auto line = Json::parse(loop::to_json(summary, -1));
+    if (options.smooth) line["smoothed"] = smoothed_json(loop::summarize(loop::afterwards(*records)));
     line["out"] = out.string();
     line["report"] = report.string();
     fmt::print("{}\n", line.dump());
   } else {
-    fmt::print("\n{}\nReport: {}\n", loop::to_text(summary), std::filesystem::absolute(report).string());
+    fmt::print("\n{}", loop::to_text(summary));
+    if (options.smooth) tell_smoothed(loop::summarize(loop::afterwards(*records)));
+    fmt::print("\nReport: {}\n", std::filesystem::absolute(report).string());
   }
   return 0;
 }
@@ -121,6 +149,8 @@ void add_run(CLI::App& app, Invocation& invocation) {
   sub->add_option("--schema", options->schema, "print every key of a scenario, as text or markdown, and stop")
       ->expected(0, 1)
       ->default_str("text");
+  sub->add_flag("--smooth", options->smooth,
+                "looks back on the whole mission afterwards, as the ground would: smoothed.oem");
   sub->add_flag("--json", options->json, "the summary as one JSON object on standard output");
   sub->callback([options, sub, &invocation] {
     if (sub->count("--schema") > 0 && options->schema.empty()) options->schema = "text";

@@ -69,9 +69,10 @@ Result<Request> read_request(const Options& options) {
   if (!options.near.empty()) {
     const auto near = parse_numbers(options.near, 3, 3, "RA,DEC,RADIUS");
     if (!near) return forward(near, "--near");
-    if (!((*near)[2] > 0.0 && std::abs((*near)[1]) <= 90.0))
-      return fail(ErrorCode::invalid_argument, "'{s}': a declination within 90 degrees and a radius above 0", {},
-                  "--near", options.near);
+    if (!((*near)[2] > 0.0 && std::abs((*near)[1]) <= 90.0 && std::abs((*near)[0]) <= 360.0))
+      return fail(ErrorCode::invalid_argument,
+                  "'{s}': a right ascension within 360 degrees, a declination within 90 degrees and a radius above 0",
+                  {}, "--near", options.near);
     request.solve.near =
         opensky::Near{direction_from_radec((*near)[0] * kDegree, (*near)[1] * kDegree), (*near)[2] * kDegree};
   }
@@ -277,7 +278,7 @@ void add_solve(CLI::App& app, Invocation& invocation) {
   sub->footer("Example:\n  astronav solve night.jpg --fov 8:13 --json");
   sub->add_option("images", options->images, "PNG, TIFF, JPEG, FITS or raw frames")->required();
   sub->add_option("--camera", options->camera, "camera file, or the name of one in scenarios/cameras: lens and all");
-  sub->add_option("--fov", options->fov, "MIN:MAX, horizontal field of view in degrees");
+  sub->add_option("--fov", options->fov, "MIN:MAX, horizontal field of view in degrees, give or take 3 %");
   sub->add_option("--epoch", options->epoch, "middle of the exposure, ISO 8601 with scale (UTC if none)");
   sub->add_option("--observer", options->observer,
                   "ground:LAT,LON,HEIGHT_M, ssb:X,Y,Z[,VX,VY,VZ], spk:ID@FILE, oem:FILE\n"

@@ -75,6 +75,33 @@ TEST(Mission, CovarianceAnalysisForetellsTheFilter) {
 }
 
 // The same seed gives the same bits.
+// By all images the past is better known than it was then, and the last state is the same.
+TEST(Mission, TheGroundLooksBack) {
+  loop::FlyOptions options;
+  options.level = loop::Level::mil;
+  options.smooth = true;
+  const auto records = loop::fly(short_scenario(1), options);
+  ASSERT_TRUE(records) << describe(records.error());
+  const loop::Summary then = loop::summarize(*records), now = loop::summarize(loop::afterwards(*records));
+  EXPECT_EQ(now.steady_count, then.steady_count);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    EXPECT_LT(now.velocity_error_m_s.formal_3sigma_axis[axis], 0.9 * then.velocity_error_m_s.formal_3sigma_axis[axis]);
+    EXPECT_LT(now.position_error_km.formal_3sigma_axis[axis], then.position_error_km.formal_3sigma_axis[axis]);
+    EXPECT_LT(now.position_error_km.end_of_coast.formal_3sigma_axis[axis],
+              0.8 * then.position_error_km.end_of_coast.formal_3sigma_axis[axis]);
+  }
+  EXPECT_LT(now.nees_mean, 16.0);
+  EXPECT_GT(now.nees_mean, 1.5);
+  // The last words: the same.
+  const loop::Event& last = records->smoothed.back();
+  const loop::Event* online = nullptr;
+  for (const loop::Event& e : records->events)
+    if (e.kind == last.kind && e.cycle == last.cycle) online = &e;
+  ASSERT_NE(online, nullptr);
+  EXPECT_LT((last.estimate.p_m - online->estimate.p_m).norm(), 1.0);
+  EXPECT_TRUE(last.covariance.isApprox(online->covariance, 1e-6));
+}
+
 TEST(Mission, SeedDecidesEverything) {
   scenario::Draft draft;
   ASSERT_TRUE(draft.set("conops.cycle_days=100"));

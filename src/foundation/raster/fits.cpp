@@ -197,7 +197,8 @@ bool still_holds(const std::string& card, const std::vector<FitsCard>& anew) {
   card.copy(text, FLEN_CARD - 1);
   const int type = fits_get_keyclass(text);
   if (type == TYP_STRUC_KEY || type == TYP_CMPRS_KEY || type == TYP_SCAL_KEY || type == TYP_NULL_KEY ||
-      type == TYP_CKSUM_KEY || type == TYP_WCS_KEY || type == TYP_DIM_KEY || key == "EXTNAME")
+      type == TYP_CKSUM_KEY || type == TYP_WCS_KEY || type == TYP_DIM_KEY || key == "EXTNAME" || key == "EQUINOX" ||
+      key == "RADECSYS")
     return false;
   // SIP, which CFITSIO does not count among world coordinates: A_0_2, BP_ORDER, A_DMAX.
   for (const char* prefix : {"A_", "B_", "AP_", "BP_"})

@@ -18,37 +18,16 @@ Navigator::Navigator(const NavigatorSettings& settings, const Ephemeris& ephemer
       stance_(settings.stance) {}
 
 Result<void> Navigator::start(const navigation::InitialState& initial) {
-  thrust_ = kick_ = 0;
-  const auto& [thrust, kicks] = settings_.maneuvers;
-  while (kick_ < kicks.size() && kicks[kick_].epoch < initial.epoch) ++kick_;
+  thrust_ = 0;
+  kick_ = first_kick_after(settings_.maneuvers, initial.epoch);
   filter_.set_thrust({});
   const auto initialised = filter_.initialise(initial);
   begin_flight();
   return initialised;
 }
 
-Result<void> Navigator::fly(navigation::Filter& filter, std::size_t& thrust_at, std::size_t& kick_at,
-                            Epoch epoch) const {
-  const auto& [thrust, kicks] = settings_.maneuvers;
-  do {
-    const Epoch now = filter.epoch();
-    while (thrust_at < thrust.size() && thrust[thrust_at].end <= now) ++thrust_at;
-    const bool more = thrust_at < thrust.size();
-    const bool firing = more && thrust[thrust_at].begin <= now;
-    filter.set_thrust(firing ? thrust[thrust_at].thrust : navigation::Thrust{});
-    for (; kick_at < kicks.size() && kicks[kick_at].epoch <= now; ++kick_at) {
-      if (const auto ok = filter.kick(kicks[kick_at].delta_v_N_m_s, kicks[kick_at].sigma_m_s); !ok) return ok;
-    }
-    Epoch next = epoch;
-    if (more) next = std::min(next, firing ? thrust[thrust_at].end : thrust[thrust_at].begin);
-    if (kick_at < kicks.size()) next = std::min(next, kicks[kick_at].epoch);
-    if (const auto ok = filter.propagate_to(next); !ok) return ok;
-  } while (filter.epoch() < epoch);
-  return {};
-}
-
 Result<void> Navigator::advance(Epoch epoch) {
-  return fly(filter_, thrust_, kick_, epoch);
+  return fly_with(settings_.maneuvers, filter_, thrust_, kick_, epoch);
 }
 
 void Navigator::begin_flight() {
@@ -65,6 +44,7 @@ navigation::UpdateResult Navigator::update(const navigation::BeaconMeasurement& 
     flight_.badly_known = filter_.covariance_pv().topLeftCorner<3, 3>().trace() > kBadlyKnown_m * kBadlyKnown_m;
   if (flight_.sights < flight_.kept.size()) flight_.kept[flight_.sights] = measurement;
   ++flight_.sights;
+  if (settings_.listener != nullptr) settings_.listener->saw(measurement);
   const navigation::UpdateResult result = filter_.update(measurement);
   flight_.accepted += result.accepted;
   return result;
@@ -102,7 +82,8 @@ Result<Navigator::Flown> Navigator::fly_anew() const {
     navigation::Filter way = flight_.begin;
     std::size_t thrust = flight_.thrust, kick = flight_.kick;
     way.fly_beside(from);
-    if (const auto flown = fly(way, thrust, kick, filter_.epoch()); !flown) return forward(flown);
+    if (const auto flown = fly_with(settings_.maneuvers, way, thrust, kick, filter_.epoch()); !flown)
+      return forward(flown);
     const State there = way.state();
     Vec6 miss;
     miss << end.p_m - there.p_m, end.v_m_s - there.v_m_s;
@@ -116,11 +97,13 @@ Result<Navigator::Flown> Navigator::fly_anew() const {
   for (std::size_t i = 0; i < flight_.sights; ++i) {
     const navigation::BeaconMeasurement& sight = flight_.kept[i];
     if (sight.mid_exposure > out.filter.epoch()) {
-      if (const auto flown = fly(out.filter, thrust, kick, sight.mid_exposure); !flown) return forward(flown);
+      if (const auto flown = fly_with(settings_.maneuvers, out.filter, thrust, kick, sight.mid_exposure); !flown)
+        return forward(flown);
     }
     out.accepted += out.filter.update(sight).accepted;
   }
-  if (const auto flown = fly(out.filter, thrust, kick, filter_.epoch()); !flown) return forward(flown);
+  if (const auto flown = fly_with(settings_.maneuvers, out.filter, thrust, kick, filter_.epoch()); !flown)
+    return forward(flown);
   out.filter.join();
   return out;
 }

@@ -39,6 +39,13 @@ struct BrightnessSettings {
   double gain_e_dn = 1.0;
 };
 
+// Hears of every sight before the filter does: telemetry, for who looks back later.
+class SightListener {
+ public:
+  virtual ~SightListener() = default;
+  virtual void saw(const navigation::BeaconMeasurement& measurement) = 0;
+};
+
 struct NavigatorSettings {
   navigation::FilterSettings filter;
   navigation::BeaconSettings beacons;
@@ -47,6 +54,7 @@ struct NavigatorSettings {
   const vision::ExposureControl* exposure = nullptr;
   Maneuvers maneuvers;
   StanceSettings stance;
+  SightListener* listener = nullptr;  // must outlive the navigator
 };
 
 // What became of one frame.
@@ -101,7 +109,6 @@ class Navigator {
  private:
   // From where the filter is, or the end of the last flight.
   void begin_flight();
-  Result<void> fly(navigation::Filter& filter, std::size_t& thrust, std::size_t& kick, Epoch epoch) const;
   navigation::UpdateResult update(const navigation::BeaconMeasurement& measurement);
   // The filter to an epoch, thrust and kicks on the way.
   Result<void> advance(Epoch epoch);

@@ -79,6 +79,11 @@ Result<std::vector<SmoothedState>> smooth(const std::vector<FilterRecord>& recor
 RecordedFilter::RecordedFilter(const FilterSettings& settings, const Ephemeris& ephemeris)
     : filter_(settings, ephemeris), process_(process_of(settings, ephemeris)) {}
 
+RecordedFilter::RecordedFilter(const Filter& begin, const Ephemeris& ephemeris)
+    : filter_(begin), process_(process_of(begin.settings(), ephemeris)) {
+  records_ = {now()};
+}
+
 FilterRecord RecordedFilter::now() const {
   FilterRecord record;
   record.epoch = filter_.epoch();

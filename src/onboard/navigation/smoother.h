@@ -47,6 +47,8 @@ Result<std::vector<SmoothedState>> smooth(const std::vector<FilterRecord>& recor
 class RecordedFilter {
  public:
   RecordedFilter(const FilterSettings& settings, const Ephemeris& ephemeris);
+  // From where another filter stands.
+  RecordedFilter(const Filter& begin, const Ephemeris& ephemeris);
 
   Result<void> initialise(const InitialState& initial);  // forgets earlier records
   Result<void> propagate_to(Epoch epoch);
@@ -56,6 +58,7 @@ class RecordedFilter {
   Result<void> kick(const Vec3& delta_v_N_m_s, double sigma_m_s);
   void set_thrust(const Thrust& thrust);
 
+  Epoch epoch() const { return filter_.epoch(); }
   const Filter& filter() const { return filter_; }
   const std::vector<FilterRecord>& records() const { return records_; }
 

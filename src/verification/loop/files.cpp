@@ -161,7 +161,8 @@ Result<void> write_files(const std::filesystem::path& folder, const Records& rec
   for (const auto& [file, text] : files) {
     if (auto ok = write_file(folder / file, text); !ok) return ok;
   }
-  return {};
+  if (records.smoothed.empty()) return {};
+  return write_file(folder / "smoothed.oem", to_text(estimate_oem(afterwards(records))));
 }
 
 }  // namespace astronav::loop

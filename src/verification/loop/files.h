@@ -13,7 +13,7 @@
 namespace astronav::loop {
 
 // Makes the folder where it is not there, and writes summary.json, estimate.oem, truth.oem, records.csv and
-// scenario.resolved.toml into it.
+// scenario.resolved.toml into it; smoothed.oem where there is something of it.
 Result<void> write_files(const std::filesystem::path& folder, const Records& records, const Summary& summary);
 
 // One row per event; errors in km and m/s, one column per number, the first row names them with their units.

@@ -14,6 +14,7 @@
 #include "foundation/math/statistics.h"
 #include "onboard/executive/navigator.h"
 #include "onboard/executive/timeline.h"
+#include "verification/loop/afterwards.h"
 #include "verification/loop/awakening.h"
 #include "verification/loop/belief.h"
 #include "verification/loop/briefing.h"
@@ -78,6 +79,7 @@ class Flight {
   std::unique_ptr<executive::Timeline> timeline_;
   std::optional<Pointing> pointing_;
   std::unique_ptr<Awakening> awakening_;  // until there is a state, where none was told
+  std::unique_ptr<Afterwards> afterwards_;
   Records records_;
   Epoch now_;  // true time, to which was coasted
 };
@@ -107,6 +109,13 @@ Result<void> Flight::prepare() {
     if (!forecast) return forward(forecast);
     forecast_ = std::move(*forecast);
   }
+  if (options_.smooth) {
+    const int sights = timeline_->cycles() * 2 * timeline_->images_per_window();
+    if (sights > Afterwards::kMostSights)
+      return fail(ErrorCode::limit_exceeded, "{0} sights are too many to be smoothed; at most {1}",
+                  {static_cast<double>(sights), Afterwards::kMostSights}, "conops.image_period_s");
+    afterwards_ = std::make_unique<Afterwards>(world_.onboard_ephemeris(), briefing_.maneuvers());
+  }
   const executive::NavigatorSettings settings{
       *filter,
       beacon_settings(scenario_, believed_camera_),
@@ -114,7 +123,8 @@ Result<void> Flight::prepare() {
                                     believed_camera_.detector.gain_e_dn},
       eyes_ ? eyes_->exposure_control() : nullptr,
       briefing_.maneuvers(),
-      stance_settings(scenario_)};
+      stance_settings(scenario_),
+      afterwards_.get()};
   navigator_ =
       std::make_unique<executive::Navigator>(settings, world_.onboard_ephemeris(), eyes_ ? &eyes_->vision() : nullptr);
   const bool from_nothing = scenario_.onboard.start.from == "survey" || !prior_serves();
@@ -153,6 +163,11 @@ Result<Records> Flight::fly() {
         "says why)",
         {static_cast<double>(cycles)}, "conops");
   }
+  if (afterwards_) {
+    auto smoothed = afterwards_->look_back();
+    if (!smoothed) return forward(smoothed);
+    records_.smoothed = std::move(*smoothed);
+  }
   records_.cycles = cycles;
   records_.begin = begin;
   records_.end = world_.trajectory().end();
@@ -171,7 +186,9 @@ Result<void> Flight::start(const Epoch& epoch) {
   if (!truth) return forward(truth);
   records_.start.error << initial->state.p_m - truth->p_m, initial->state.v_m_s - truth->v_m_s;
   records_.start.covariance = initial->covariance;
-  return navigator_->start(*initial);
+  const auto started = navigator_->start(*initial);
+  if (started && afterwards_) afterwards_->begin(navigator_->filter());
+  return started;
 }
 
 Result<void> Flight::prepare_awakening(const navigation::FilterSettings& filter) {
@@ -196,9 +213,12 @@ Result<void> Flight::fly_cycle(int cycle) {
     const auto started = awakening_->finish(*navigator_, records_);
     if (!started || !*started) return started ? Result<void>{} : forward(started);
     awakening_.reset();
+    if (afterwards_) afterwards_->begin(navigator_->filter());
     if (const auto ok = coast_to(timeline_->window_end(cycle, 1)); !ok) return ok;
   }
-  if (const auto flown = navigator_->end_flight(); !flown) return forward(flown);
+  const auto anew = navigator_->end_flight();
+  if (!anew) return forward(anew);
+  if (*anew && afterwards_) afterwards_->begin(navigator_->filter());
   if (const auto ok = record(EventKind::cycle_end, cycle, 1, *last); !ok) return ok;
   return cycle + 1 < timeline_->cycles() ? coast(cycle) : Result<void>{};
 }
@@ -395,6 +415,7 @@ Result<void> Flight::coast_to(Epoch epoch) {
 Result<void> Flight::record(EventKind kind, int cycle, int window, BodyId body) {
   auto e = event(kind, now_, cycle, window, body);
   if (!e) return forward(e);
+  if (afterwards_) afterwards_->note(*e, navigator_->filter().epoch());
   records_.events.push_back(std::move(*e));
   return {};
 }

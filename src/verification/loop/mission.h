@@ -23,6 +23,7 @@ struct FlyOptions {
   std::uint64_t sample = 0;
   int keep_frames = 4;    // pictures for the report
   int most_cycles = 0;    // the flight ends after so many; 0: at the mission's end
+  bool smooth = false;    // Records::smoothed is filled; not at the level cov
   ProgressSink progress;  // may be empty
 };
 

@@ -124,6 +124,7 @@ struct StartRecord {
 
 struct Records {
   StartRecord start;
+  std::vector<Event> smoothed;  // by all images of the mission, without their rows; where that was asked for
   std::vector<Event> events;
   std::vector<KeptFrame> frames;
   std::vector<BeaconChoice> beacons;

@@ -90,6 +90,21 @@ Mat6 whitener(const Mat6& covariance) {
 
 }  // namespace
 
+Records afterwards(const Records& records) {
+  Records out;
+  out.start = records.start;
+  out.events = records.smoothed;
+  out.begin = records.begin;
+  out.end = records.end;
+  out.cycles = records.cycles;
+  out.duration_days = records.duration_days;
+  out.level = records.level;
+  out.seed = records.seed;
+  out.sample = records.sample;
+  out.version = records.version;
+  return out;
+}
+
 double effective_windows(const Records& records) {
   struct Window {
     const Event* end;

@@ -116,6 +116,10 @@ struct Summary {
 
 Summary summarize(const Records& records);
 
+// The same mission as the ground knows it afterwards: the events of Records::smoothed. Its figures of errors and NEES
+// are those of the smoothed states; NEES has no band (each knows the same images).
+Records afterwards(const Records& records);
+
 // From what days are counted: the mission's begin, or its first event where that was not said.
 Epoch day_zero(const Records& records);
 

@@ -363,14 +363,20 @@ Result<BlindSolution> BlindSearch::search(std::span<const vision::Centroid> spot
   lists_ms_ = 0.0;
   // Few spots first; many where most of those are no stars.
   double tried = 0.0;
+  // Where stars are missing another list than that of the field has the four that are left: a ladder passes by those of
+  // its neighbours, and a field that is known does not.
+  const std::vector<FieldRange> rungs = ladder(range);
+  const std::initializer_list<double> one{1.0}, some{1.0, 0.8, 1.25, 0.64};
   for (const std::size_t shape_spots : {settings.spots, settings.spots * 3 / 2}) {
     Attempt attempt(field_, spots, width, height, observer, settings, shape_spots, tried);
-    for (const FieldRange& rung : ladder(range)) {
-      const double middle = std::sqrt(rung.min_rad * rung.max_rad);
-      const double shorter_fov = 2.0 * std::atan(std::tan(0.5 * middle) * std::min(width, height) / width);
-      const bool found = attempt.climb(rung, shapes(shorter_fov), out);
-      out.lists_ms = lists_ms_;
-      if (found) return out;
+    for (const double other : rungs.size() > 2 ? one : some) {
+      for (const FieldRange& rung : rungs) {
+        const double middle = std::sqrt(rung.min_rad * rung.max_rad);
+        const double shorter_fov = 2.0 * std::atan(std::tan(0.5 * middle) * std::min(width, height) / width);
+        const bool found = attempt.climb(rung, shapes(other * shorter_fov), out);
+        out.lists_ms = lists_ms_;
+        if (found) return out;
+      }
     }
     if (spots.size() <= settings.spots) break;
     tried = attempt.tried();

@@ -98,7 +98,8 @@ BlindSearch& blind() {
 struct Tally {
   int right = 0, wrong = 0, none = 0;
 };
-Tally solve_many(int pictures, double fov_deg, const Distortion& distortion, const Scene& scene, std::uint64_t seed) {
+Tally solve_many(int pictures, double fov_deg, const Distortion& distortion, const Scene& scene, std::uint64_t seed,
+                 const FieldRange& field = {4.0 * kDegree, 62.0 * kDegree}) {
   RandomStream random({.seed = seed, .purpose = "blind_test"});
   Intrinsics camera = Intrinsics::from_field_of_view(1280, 960, fov_deg * kDegree);
   camera.distortion = distortion;
@@ -109,7 +110,7 @@ Tally solve_many(int pictures, double fov_deg, const Distortion& distortion, con
     const auto spots = spots_of(camera, R_CN, scene, random);
     BlindSettings settings;
     settings.match_px = 2.5;
-    const auto found = search.search(spots, 1280, 960, {4.0 * kDegree, 62.0 * kDegree}, {.epoch = kEpoch}, settings);
+    const auto found = search.search(spots, 1280, 960, field, {.epoch = kEpoch}, settings);
     if (!found) {
       ++tally.none;
       continue;
@@ -149,6 +150,17 @@ TEST(Blind, FalseSpotsMissingStarsMirrorsAndBentLines) {
   EXPECT_EQ(bent.wrong, 0);
   std::printf("bent %d of 30\n", bent.right);
   EXPECT_GE(bent.right, 28);
+}
+
+// Who is told the field finds no less than who is not.
+TEST(Blind, AKnownFieldIsNoHindranceWhereStarsAreMissing) {
+  const Scene sparse{.stars = 60, .missing = 0.6};
+  const Tally unknown = solve_many(40, 11.0, {}, sparse, 21);
+  const Tally known = solve_many(40, 11.0, {}, sparse, 21, {10.8 * kDegree, 11.2 * kDegree});
+  std::printf("  six stars of ten missing: %d of 40 with any field, %d with the right one\n", unknown.right,
+              known.right);
+  EXPECT_EQ(unknown.wrong + known.wrong, 0);
+  EXPECT_GE(known.right, unknown.right);
 }
 
 TEST(Blind, FewStarsAreEnoughAndTooFewAreNot) {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <set>
 
 #include "foundation/math/statistics.h"
 #include "verification/opensky/calibrate_fisheye.h"
@@ -20,7 +19,10 @@ constexpr double kPlanetMag = 6.5;                               // brighter one
 constexpr double kPlanetRadiusPx = 10.0;
 constexpr double kSeenRadiusPx = 5.0;
 constexpr std::size_t kMaxSpots = 1500;
-constexpr int kLeastStars = 6;  // of a picture, that agree with the others' camera
+constexpr double kSameField = 1.03;
+constexpr std::size_t kMostTried = 12;   // pictures, of which each is left out in turn
+constexpr std::size_t kStarsAlone = 25;  // that say how well a picture fits a camera of its own
+constexpr int kLeastStars = 6;           // of a picture, that agree with the others' camera
 
 // In order of their number of parameters.
 constexpr std::array<LensFreedom, 13> kModels{{{},
@@ -111,49 +113,63 @@ class Calibrator {
     return view;
   }
 
-  // Pictures of which nothing is known, by the solver; the second knows the field of the first.
+  // Each by itself, of which nothing is known; most of them say which way round the pictures are and how wide. Those
+  // that were not recognised are tried once more with the others' field.
   Result<void> recognise() {
     Solver solver(catalogue_);
-    Result<void> last;
-    std::vector<double> focal;
-    std::vector<View> views;
-    for (std::size_t k = 0; k < frames_.size(); ++k) {
-      SolveRequest ask{.field = request_.field,
-                       .camera = {},
-                       .epoch = frames_[k].epoch,
-                       .observer = frames_[k].observer,
-                       .refraction = frames_[k].refraction,
-                       .near = request_.near,
-                       .ephemeris = nullptr};
-      if (!focal.empty()) {
-        const double fov = 2.0 * std::atan(0.5 * width_ / median(focal));
-        ask.field = FieldRange{0.97 * fov, 1.03 * fov};
-      }
-      const auto solution = solver.solve(*frames_[k].picture, ask);
-      if (!solution) {
+    std::vector<std::optional<Solution>> solutions(frames_.size());
+    const auto solve = [&](std::size_t k, const std::optional<FieldRange>& field) {
+      const SolveRequest ask{.field = field,
+                             .camera = {},
+                             .epoch = frames_[k].epoch,
+                             .observer = frames_[k].observer,
+                             .refraction = frames_[k].refraction,
+                             .near = request_.near,
+                             .ephemeris = nullptr};
+      auto solution = solver.solve(*frames_[k].picture, ask);
+      out_.frames[k].error.reset();
+      if (solution)
+        solutions[k] = std::move(*solution);
+      else
         out_.frames[k].error = solution.error();
-        last = forward(solution);
-        continue;
-      }
-      if (views_.empty()) {
-        out_.mirrored = solution->mirrored;
-      } else if (solution->mirrored != out_.mirrored) {
-        out_.frames[k].error = Error{.code = ErrorCode::invalid_argument,
-                                     .text = "this picture is mirrored, the first is not, or the other way round"};
+    };
+    std::vector<double> focal;
+    int mirrored = 0;
+    for (std::size_t k = 0; k < frames_.size(); ++k) {
+      solve(k, request_.field);
+      if (!solutions[k]) continue;
+      focal.push_back(solutions[k]->attitude.intrinsics.fx_px);
+      mirrored += solutions[k]->mirrored;
+    }
+    if (focal.empty()) return tl::make_unexpected(*out_.frames.back().error);
+    out_.mirrored = 2 * mirrored > static_cast<int>(focal.size());
+    const double middle = median(focal), fov = 2.0 * std::atan(0.5 * width_ / middle);
+    for (std::size_t k = 0; k < frames_.size(); ++k) {
+      if (!solutions[k]) solve(k, FieldRange{fov / kSameField, fov * kSameField});
+      if (!solutions[k]) continue;
+      const Intrinsics& camera = solutions[k]->attitude.intrinsics;
+      const bool other_field = std::abs(std::log(camera.fx_px / middle)) > std::log(kSameField);
+      if (other_field || solutions[k]->mirrored != out_.mirrored) {
+        const double own = camera.field_of_view_horizontal_rad();
+        out_.frames[k].error =
+            (other_field
+                 ? fail(ErrorCode::invalid_argument, "recognised, but {0} degrees wide where most pictures are {1}",
+                        {std::round(100.0 * own / kDegree) / 100.0, std::round(100.0 * fov / kDegree) / 100.0})
+                 : fail(ErrorCode::invalid_argument,
+                        "recognised, but the other way round than most pictures (mirrored)"))
+                .value();
         continue;
       }
       View view = view_of(k, request_.max_v_mag);
-      view.named = names_of(*solution, view);
+      view.named = names_of(*solutions[k], view);
       if (out_.mirrored) turn_round(view.spots, width_);
-      view.R_CN = solution->attitude.R_CN;
-      views_.push_back(std::move(view));
-      focal.push_back(solution->attitude.intrinsics.fx_px);
-      if (views_.size() == 1 || solution->stars.size() > most_stars_) {
-        most_stars_ = solution->stars.size();
-        camera_ = solution->attitude.intrinsics;
+      view.R_CN = solutions[k]->attitude.R_CN;
+      if (views_.empty() || solutions[k]->stars.size() > most_stars_) {
+        most_stars_ = solutions[k]->stars.size();
+        camera_ = camera;
       }
+      views_.push_back(std::move(view));
     }
-    if (views_.empty()) return last;
     return {};
   }
 
@@ -258,21 +274,33 @@ class Calibrator {
     return fitted;
   }
 
-  // Of pictures that do not agree on one camera the one with the fewest stars goes, until the others do.
+  // Of pictures that do not agree on one camera that one goes without which the others agree best; where none is
+  // enough, the one with the fewest stars, and so on.
   Result<Sightings> gather() {
-    const std::vector<View> recognised = views_;
     const Intrinsics first = camera_;
+    std::vector<View> recognised = views_;
+    const auto leave_out = [&](std::size_t odd) {
+      views_ = recognised;
+      views_.erase(views_.begin() + static_cast<std::ptrdiff_t>(odd));
+      camera_ = first;
+      return gather_from_all();
+    };
     for (;;) {
       auto gathered = gather_from_all();
-      if (gathered || views_.size() < 2) return gathered;
-      out_.frames[views_[odd_one_].frame].error =
+      if (gathered || recognised.size() < 2) return gathered;
+      std::size_t odd = odd_one_;
+      double most = -1.0;
+      for (std::size_t k = 0; k < recognised.size() && recognised.size() <= kMostTried; ++k) {
+        const auto without = leave_out(k);
+        if (!without || static_cast<double>(without->tags.size()) <= most) continue;
+        most = static_cast<double>(without->tags.size());
+        odd = k;
+      }
+      out_.frames[recognised[odd].frame].error =
           Error{.code = ErrorCode::no_match,
                 .text = "recognised, but its stars are not where the other pictures' camera puts them"};
-      odd_.insert(views_[odd_one_].frame);
-      views_.clear();
-      for (const View& view : recognised) {
-        if (!odd_.contains(view.frame)) views_.push_back(view);
-      }
+      recognised.erase(recognised.begin() + static_cast<std::ptrdiff_t>(odd));
+      views_ = recognised;
       camera_ = first;
     }
   }
@@ -390,6 +418,7 @@ class Calibrator {
       backgrounds.push_back(view.background_dn);
       noises.push_back(view.noise_dn);
       for (const SkyPlanet& planet : view.planets) foretell(view, planet, frame);
+      if (views_.size() > 1) frame.rms_alone_px = rms_alone(s, best, v);
     }
     for (std::size_t i = 0; i < s.tags.size(); ++i) {
       const Tag& tag = s.tags[i];
@@ -411,6 +440,22 @@ class Calibrator {
     if (!widths.empty()) out_.psf_sigma_px = std::clamp(median(widths), 0.4, 10.0);
   }
 
+  // What the stars of one picture leave to a camera of its own, with the same parameters; NaN where they are too few.
+  double rms_alone(const Sightings& s, const Adjustment& best, std::size_t v) const {
+    std::vector<StarObservation> own;
+    for (std::size_t i = 0; i < s.tags.size(); ++i) {
+      if (s.tags[i].view != v) continue;
+      own.push_back(s.observations[i]);
+      own.back().frame = 0;
+    }
+    if (own.size() < kStarsAlone) return std::nan("");
+    AdjustOptions options;
+    options.gate_sigma = 1e3;
+    options.scatter = best.scatter;
+    const auto alone = adjust(own, {&best.R_CN[v], 1}, best.camera, out_.freedom, options);
+    return alone ? alone->rms_px : std::nan("");
+  }
+
   void foretell(const View& view, const SkyPlanet& planet, CalibratedFrame& frame) const {
     const auto pixel = project(camera_, view.R_CN * planet.direction_N);
     if (!pixel || !camera_.contains(*pixel)) return;
@@ -428,9 +473,8 @@ class Calibrator {
   std::span<const CalibrationFrame> frames_;
   const CalibrationRequest& request_;
   int width_ = 0, height_ = 0;
-  std::vector<View> views_;    // of the pictures that were recognised
-  std::set<std::size_t> odd_;  // frames that were recognised, but agree with no others
-  std::size_t odd_one_ = 0;    // the view with the fewest stars
+  std::vector<View> views_;  // of the pictures that were recognised
+  std::size_t odd_one_ = 0;  // the view with the fewest stars
   std::size_t most_stars_ = 0;
   Intrinsics camera_;
   Calibration out_;

@@ -7,6 +7,7 @@
 // error (docs/theory/camera.md).
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -61,6 +62,10 @@ struct CalibratedFrame {
   std::vector<CalibrationStar> stars;
   std::vector<ForetoldPlanet> planets;
   double rms_px = 0.0;
+  // The same with a camera of its own; NaN of one picture, or few stars. Where it is much less, the pictures are not of
+  // one camera, or not of one focus.
+  double rms_alone_px = std::numeric_limits<double>::quiet_NaN();
+  bool stands_apart() const { return rms_px > 1.3 * rms_alone_px; }
   bool aberration_corrected = false;
   bool refraction_corrected = false;
 };

@@ -237,6 +237,55 @@ TEST(CalibrateCamera, KnownFisheyeComesBackWithinItsSigmas) {
   EXPECT_LT(std::sqrt(found->covariance(0, 0)), 0.3);
 }
 
+// The first picture is of another kind than the rest: it goes, not they.
+TEST(CalibrateCamera, MostPicturesDecide) {
+  const Camera camera = *read_camera("star-tracker-10deg");
+  const std::array<Pointing, 3> pointings{{{84.0 * kDegree, 2.0 * kDegree, 0.3},
+                                           {290.0 * kDegree, 35.0 * kDegree, 2.0},
+                                           {190.0 * kDegree, -55.0 * kDegree, 4.0}}};
+  const Night turned = take_pictures(camera, std::span(pointings).first(1), true, 9.5);
+  Camera wider = camera;
+  wider.intrinsics.fx_px *= 0.9;
+  wider.intrinsics.fy_px *= 0.9;
+  const Night wide = take_pictures(wider, std::span(pointings).first(1), false, 9.5);
+  const Night night = take_pictures(camera, std::span(pointings), false, 9.5);
+  CalibrationRequest request;
+  request.field = FieldRange{8.0 * kDegree, 13.0 * kDegree};
+  for (const Night* odd : {&turned, &wide}) {
+    const std::array<CalibrationFrame, 4> frames{odd->frames[0], night.frames[0], night.frames[1], night.frames[2]};
+    const auto found = calibrate_camera(catalogue(), frames, request);
+    ASSERT_TRUE(found) << describe(found.error());
+    EXPECT_FALSE(found->mirrored);
+    EXPECT_TRUE(found->frames[0].error);
+    for (std::size_t k = 1; k < frames.size(); ++k) {
+      EXPECT_FALSE(found->frames[k].error);
+      EXPECT_FALSE(found->frames[k].stands_apart());
+    }
+    EXPECT_NEAR(found->camera.fx_px, camera.intrinsics.fx_px, 4.0 * std::sqrt(found->covariance(0, 0)));
+  }
+}
+
+// Two focal lengths are no one camera: a picture is left out, or says that it would lie better alone.
+class CalibrateTwoCameras : public ::testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Ratios, CalibrateTwoCameras, ::testing::Values(1.002, 1.0003));
+TEST_P(CalibrateTwoCameras, AreToldApart) {
+  Camera camera = *read_camera("star-tracker-10deg");
+  const std::array<Pointing, 2> pointings{
+      {{84.0 * kDegree, 2.0 * kDegree, 0.3}, {290.0 * kDegree, 35.0 * kDegree, 2.0}}};
+  const Night one = take_pictures(camera, std::span(pointings).first(1), false, 9.5);
+  camera.intrinsics.fx_px *= GetParam();
+  camera.intrinsics.fy_px *= GetParam();
+  const Night other = take_pictures(camera, std::span(pointings).last(1), false, 9.5);
+  CalibrationRequest request;
+  request.field = FieldRange{9.0 * kDegree, 11.0 * kDegree};
+  const std::array<CalibrationFrame, 2> frames{one.frames[0], other.frames[0]};
+  const auto found = calibrate_camera(catalogue(), frames, request);
+  ASSERT_TRUE(found) << describe(found.error());
+  bool told = false;
+  for (const CalibratedFrame& f : found->frames) told |= f.error || f.stands_apart();
+  EXPECT_TRUE(told);
+}
+
 TEST(CalibrateCamera, SaysWhatIsWrong) {
   Picture small, large;
   small.pixels = ImageF(64, 64, 100.0f);

@@ -74,7 +74,23 @@ std::vector<float> median3(const Tiles& tiles, const std::vector<float>& values)
   return out;
 }
 
-// `step`: between grey levels.
+// Between grey levels; 0 where there are none. Whole numbers have it also where they are stored as floating ones.
+float grey_step(const Picture& picture) {
+  if (picture.bits <= 16) return 1.0f;
+  const auto pixels = picture.pixels.pixels();
+  const std::size_t stride = std::max<std::size_t>(1, pixels.size() / 16'384) | 1;
+  std::vector<float> values;
+  for (std::size_t i = 0; i < pixels.size(); i += stride)
+    if (std::isfinite(pixels[i])) values.push_back(pixels[i]);
+  std::sort(values.begin(), values.end());
+  const std::size_t all = values.size();
+  values.erase(std::unique(values.begin(), values.end()), values.end());
+  if (values.size() < 2 || 2 * values.size() > all) return 0.0f;
+  float step = values.back() - values.front();
+  for (std::size_t i = 1; i < values.size(); ++i) step = std::min(step, values[i] - values[i - 1]);
+  return step;
+}
+
 Tiles measure(const ImageF& image, int size, float step) {
   Tiles tiles;
   tiles.size = size;
@@ -253,15 +269,15 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   const ImageF& image = picture.pixels;
   const int w = image.width(), h = image.height();
   if (w < 16 || h < 16) return out;
-  const Tiles tiles = measure(image, settings.tile_px, picture.bits <= 16 ? 1.0f : 0.0f);
+  const float step = grey_step(picture);
+  const Tiles tiles = measure(image, settings.tile_px, step);
   std::vector<float> levels = tiles.level, spreads = tiles.spread;
   out.background_dn = middle_of(levels);
   out.noise_dn = std::max(middle_of(spreads), 1e-6f);
   // Pictures of 8 bits, and all after JPEG, have flat parts whose noise is no measure of anything; whole numbers have
   // at least the noise of their rounding.
-  const float least = static_cast<float>(std::max(0.5 * out.noise_dn, picture.bits <= 8    ? 0.4
-                                                                      : picture.bits <= 16 ? 0.29
-                                                                                           : 1e-6));
+  const float least = static_cast<float>(
+      std::max(0.5 * out.noise_dn, picture.bits <= 8 ? 0.4 : std::max(0.29 * static_cast<double>(step), 1e-6)));
 
   const ImageF smoothed = smoothed_contrast(image, tiles, least, settings.smoothing_sigma_px);
 
@@ -270,7 +286,9 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   finding.threshold_sigma = settings.threshold_sigma;
   finding.min_region_px = 3;
   finding.max_region_px = std::max(300, w * h / 1000);
-  finding.max_centroids = static_cast<int>(settings.max_spots);
+  // Hot pixels are told from stars afterwards.
+  const std::size_t most = 4 * settings.max_spots;
+  finding.max_centroids = static_cast<int>(most);
   finding.refuse_sharp = false;
   vision::SensorModel sensor;
   sensor.gain_e_dn = 1e9;  // no shot noise in a picture of contrasts
@@ -278,7 +296,7 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
   sensor.saturation_dn = 1e30;
   sensor.psf_sigma_px = 1.6;
   vision::CentroidFinder finder(finding, sensor, w, h);
-  std::vector<vision::Centroid> found(settings.max_spots);
+  std::vector<vision::Centroid> found(most);
   const vision::FrameLevel level = level_of(smoothed, settings.threshold_sigma);
   const std::size_t count = finder.find_above(smoothed, level, found);
   found.resize(count);
@@ -310,6 +328,7 @@ Spots find_spots(const Picture& picture, const SpotSettings& settings) {
     out.spots.push_back(spot);
   }
   order_by_certainty(out.spots, contrasts);
+  if (out.spots.size() > settings.max_spots) out.spots.resize(settings.max_spots);
   return out;
 }
 

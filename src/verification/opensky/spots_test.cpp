@@ -102,6 +102,39 @@ TEST(FindSpots, HotPixelsAndHolesAreNoSpots) {
   EXPECT_NEAR(found.spots[0].pixel.v, 150.0, 0.2);
 }
 
+// More hot pixels than spots are kept, brighter than any star: the stars come through.
+TEST(FindSpots, ManyHotPixelsCrowdNoStarOut) {
+  const auto stars = some_stars(40, 300.0, 4000.0);
+  Picture picture = sky_with(stars, 400, 300, 3.0, 12);
+  RandomStream random({.seed = 6, .purpose = "spots_test hot"});
+  for (int k = 0; k < 60; ++k)
+    picture.pixels(static_cast<int>(random.uniform(0.0, 400.0)), static_cast<int>(random.uniform(0.0, 300.0))) =
+        4000.0f;
+  SpotSettings settings;
+  settings.max_spots = 45;
+  const Spots found = find_spots(picture, settings);
+  int seen = 0;
+  for (const Light& star : stars) {
+    const vision::Centroid* spot = nearest(found, star.pixel);
+    seen += spot != nullptr && (spot->pixel.vec() - star.pixel.vec()).norm() < 1.0;
+  }
+  EXPECT_GE(seen, 35);
+}
+
+// Whole numbers are whole numbers, whatever they are stored as.
+TEST(FindSpots, FloatingPicturesOfGreyLevelsAreReadAsThose) {
+  const auto stars = some_stars(40, 160.0, 4000.0);
+  const Picture whole = sky_with(stars, 400, 300, 0.05, 12);
+  Picture floating = whole;
+  floating.bits = 32;
+  const Spots a = find_spots(whole), b = find_spots(floating);
+  ASSERT_EQ(a.spots.size(), b.spots.size());
+  EXPECT_EQ(a.noise_dn, b.noise_dn);
+  EXPECT_EQ(a.threshold_dn, b.threshold_dn);
+  for (float& value : floating.pixels.pixels()) value /= 65535.0f;
+  EXPECT_NEAR(static_cast<double>(find_spots(floating).spots.size()), static_cast<double>(a.spots.size()), 2.0);
+}
+
 TEST(FindSpots, SaysWhatIsSaturated) {
   const Spots found = find_spots(sky_with({{{100.0, 150.0}, 6000.0}, {{300.0, 150.0}, 500.0}}, 400, 300, 2.0, 8));
   ASSERT_EQ(found.spots.size(), 2u);
