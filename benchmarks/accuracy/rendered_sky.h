@@ -37,8 +37,9 @@ inline Camera true_lens(Camera believed) {
 
 class RenderedSky {
  public:
-  explicit RenderedSky(const std::string& camera = "extrema-20deg")
-      : believed(read_camera(camera).value()),
+  explicit RenderedSky(const std::string& camera = "extrema-20deg") : RenderedSky(read_camera(camera).value()) {}
+  explicit RenderedSky(const Camera& camera)
+      : believed(camera),
         truth(true_lens(believed)),
         catalogue_file(MappedFile::open(home_directory() / "data/hipparcos.stars").value()),
         catalogue(StarCatalogue::open(catalogue_file.bytes()).value()),
@@ -59,6 +60,7 @@ class RenderedSky {
                                                 truth.intrinsics.half_diagonal_rad() + 0.5 * kDegree, band, settings)
                                            .value();
     seen.insert(seen.end(), extra.begin(), extra.end());
+    add_false_spots(R_CN, random, seen);
     sources = render::place_sources(seen, truth, R_CN, exposure_s);
     renderer.frame(sources, {.duration_s = exposure_s}, {.image = ++images, .purpose = "frame"}, frame);
   }
@@ -75,7 +77,28 @@ class RenderedSky {
   std::vector<render::RenderedSource> sources;
   std::vector<sky::SkySource> extra;  // seen as well
   double max_v_mag = 10.0;
+  // So many lights that are no stars, anywhere in the picture, as bright as stars of this magnitude or brighter in it.
+  int false_spots = 0;
+  double false_v_mag = 7.0;
   std::uint64_t images = 0;
+
+ private:
+  void add_false_spots(const Mat3& R_CN, RandomStream& random, std::vector<sky::SkySource>& seen) const {
+    std::vector<sky::SkySource> bright;
+    for (const sky::SkySource& s : seen) {
+      const auto pixel = project(truth.intrinsics, R_CN * s.direction_N);
+      if (s.kind == sky::SourceKind::star && s.v_mag < false_v_mag && pixel && truth.intrinsics.contains(*pixel))
+        bright.push_back(s);
+    }
+    for (int k = 0; k < false_spots && !bright.empty(); ++k) {
+      sky::SkySource spot = bright[static_cast<std::size_t>(random.uniform() * static_cast<double>(bright.size()))];
+      const Pixel place{random.uniform(0.0, truth.intrinsics.width_px - 1.0),
+                        random.uniform(0.0, truth.intrinsics.height_px - 1.0)};
+      spot.id = 0;
+      spot.direction_N = R_CN.transpose() * *unproject(truth.intrinsics, place);
+      seen.push_back(spot);
+    }
+  }
 };
 
 inline Mat3 random_attitude(RandomStream& random) {
