@@ -174,6 +174,28 @@ Result<Ephemeris::Chain> Ephemeris::chain(BodyId from, Epoch epoch) const {
               {static_cast<double>(from.value), 0, 0, 0});
 }
 
+namespace {
+
+// The orbit about the barycentre, whose distance from the Sun is 1 % of one au at most: so are the axes turned.
+void displace(const Ephemeris::Displacement& d, State& planet) {
+  const Vec3 momentum = planet.p_m.cross(planet.v_m_s);
+  const Vec3 pole = momentum.normalized();
+  const Vec3 moved = d.along_m * pole.cross(planet.p_m).normalized() + d.across_m * pole;
+  planet.p_m += moved;
+  planet.v_m_s += (momentum / planet.p_m.squaredNorm()).cross(moved);
+}
+
+}  // namespace
+
+Ephemeris Ephemeris::displaced(std::vector<Displacement> displacements) const {
+  Ephemeris out = *this;
+  for (const Displacement& d : displacements) {
+    std::erase_if(out.displacements_, [&](const Displacement& other) { return other.system == d.system; });
+    out.displacements_.push_back(d);
+  }
+  return out;
+}
+
 Result<void> Ephemeris::add(const Segment& segment, const Epoch& epoch, double sign, State& sum) const {
   if (segment.frame != kFrameJ2000 && segment.frame != kFrameEcliptic)
     return fail(ErrorCode::unsupported,
@@ -187,6 +209,8 @@ Result<void> Ephemeris::add(const Segment& segment, const Epoch& epoch, double s
     part.p_m = from_ecliptic(part.p_m);
     part.v_m_s = from_ecliptic(part.v_m_s);
   }
+  for (const Displacement& d : displacements_)
+    if (segment.target == d.system && segment.center == body::solar_system_barycenter) displace(d, part);
   sum.p_m += sign * part.p_m;
   sum.v_m_s += sign * part.v_m_s;
   // One comparison for six numbers: a NaN or an infinity survives sums.

@@ -51,6 +51,12 @@ class Ephemeris {
     Epoch begin;
     Epoch end;
   };
+  // That a planet, with all that goes round it, stands elsewhere: along its orbit and across the orbit's plane (towards
+  // its pole), turning with it. `system`: its barycentre, which must hang on the solar system's.
+  struct Displacement {
+    BodyId system;
+    double along_m = 0.0, across_m = 0.0;
+  };
 
   // Checks every count and address before use; refuses a broken kernel with the byte offset (`kernel 0` or the place in
   // the list is named where there are several). The bytes must outlive the object. Allocates here and never again.
@@ -61,6 +67,8 @@ class Ephemeris {
   // the span covered), unsupported (names the SPK type), corrupt_data (byte offset). Does not allocate; safe to call
   // from several threads.
   Result<State> state(BodyId target, BodyId center, Epoch epoch) const;
+  // The same kernels, the planets moved. Of several of one system the last counts.
+  Ephemeris displaced(std::vector<Displacement> displacements) const;
   // The body whose states are used where `id` is asked for: itself, or the barycentre standing in.
   Result<BodyId> resolve(BodyId id) const;
   // From the first to the last moment for which some segment holds the body (gaps between segments are not looked for).
@@ -95,6 +103,7 @@ class Ephemeris {
   std::vector<Bodies> bodies_;  // sorted by target
   std::vector<std::int32_t> centers_;
   std::vector<std::span<const std::byte>> kernels_;
+  std::vector<Displacement> displacements_;
 };
 
 // Light time: the solution of |p_target(t - tau) - p_observer(t)| = c tau by iteration.

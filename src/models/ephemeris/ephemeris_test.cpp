@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -145,6 +146,39 @@ TEST(Ephemeris, ChainsThroughCentres) {
   EXPECT_EQ(ephemeris->resolve(body::jupiter).value(), body::jupiter_barycenter);
   EXPECT_EQ(ephemeris->resolve(body::earth).value(), body::earth);
   EXPECT_EQ(ephemeris->resolve(body::solar_system_barycenter).value(), body::solar_system_barycenter);
+}
+
+// Along and across the orbit, with all that goes round the planet, and at the speed at which the orbit turns.
+TEST(Ephemeris, DisplacedPlanetsStandWhereTheyAreSaidTo) {
+  const auto file = MappedFile::open(home_directory() / "data/de405_2000_2050.bsp");
+  ASSERT_TRUE(file);
+  const auto right = Ephemeris::open(file->bytes());
+  ASSERT_TRUE(right);
+  const Ephemeris moved = right->displaced({{body::mars_barycenter, 3000.0, 0.0},
+                                            {body::earth_moon_barycenter, 1.0, 1.0},
+                                            {body::earth_moon_barycenter, 700.0, -400.0}});
+  const Epoch epoch = *Epoch::parse("2027-05-05T00:00:00 TDB");
+  const auto state = [&](const Ephemeris& e, BodyId body, Epoch at) {
+    return e.state(body, body::solar_system_barycenter, at).value();
+  };
+  for (const auto& [body, along, across] : {std::tuple{body::mars, 3000.0, 0.0}, std::tuple{body::earth, 700.0, -400.0},
+                                            std::tuple{body::moon, 700.0, -400.0}, std::tuple{body::venus, 0.0, 0.0}}) {
+    const State a = state(*right, body, epoch), b = state(moved, body, epoch);
+    const auto system = barycenter_of(body).value_or(body::earth_moon_barycenter);
+    const State orbit = state(*right, body == body::moon ? body::earth_moon_barycenter : system, epoch);
+    const Vec3 pole = orbit.p_m.cross(orbit.v_m_s).normalized();
+    const Vec3 off = b.p_m - a.p_m;
+    EXPECT_NEAR(off.dot(pole.cross(orbit.p_m).normalized()), along, 0.01);
+    EXPECT_NEAR(off.dot(pole), across, 0.01);
+    EXPECT_NEAR(off.dot(orbit.p_m.normalized()), 0.0, 0.01);
+    // The velocity is that of the moving displacement.
+    const Duration h = Duration::days(1.0);
+    const Vec3 rate = ((state(moved, body, epoch + h).p_m - state(*right, body, epoch + h).p_m) -
+                       (state(moved, body, epoch - h).p_m - state(*right, body, epoch - h).p_m)) /
+                      (2.0 * h.seconds());
+    EXPECT_LT((b.v_m_s - a.v_m_s - rate).norm(), 0.03 * rate.norm() + 1e-9);
+  }
+  EXPECT_EQ(state(moved, body::sun, epoch).p_m, state(*right, body::sun, epoch).p_m);
 }
 
 TEST(Ephemeris, MissingBodiesAndTimesAreNamed) {

@@ -63,7 +63,9 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
   }
   settings.clock = {.sigma = belief.clock_sigma_ms * 1e-3, .tau_s = belief.clock_tau_days * 86400.0};
   if (level == Level::mil) {
-    settings.focal.sigma = settings.k1.sigma = settings.bias.sigma = 0.0;
+    settings.focal.sigma = settings.k1.sigma = 0.0;
+    settings.bias = {.sigma = s.mil.systematic_arcsec * kArcsecond / camera.intrinsics.plate_scale_rad_px(),
+                     .tau_s = belief.window_bias_tau_hours * 3600.0};
     settings.adaptive_noise = false;
     for (auto& e : settings.beacon_errors) e.ephemeris_m = 0.0;
   } else {

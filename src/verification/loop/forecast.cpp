@@ -14,6 +14,7 @@ scenario::Scenario undisturbed(scenario::Scenario s) {
   s.truth.thrust = {};
   s.truth.unloading.on = false;
   s.truth.clock = {};
+  s.truth.ephemeris = {};
   s.truth.upsets.clock_step_ms = 0.0;
   s.truth.upsets.maneuver_errs = false;
   s.truth.pointing.jitter_arcsec = 0.0;

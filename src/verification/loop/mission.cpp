@@ -320,6 +320,14 @@ Result<void> Flight::measure(Event& image, const State& truth, BodyId beacon) {
   const scenario::Mil& mil = scenario_.mil;
   Vec2 noise(stream.normal(0.0, sigma_px), stream.normal(0.0, sigma_px));
   if (stream.uniform() < mil.outlier_share) noise *= mil.outlier_scale;
+  if (mil.systematic_arcsec > 0.0) {
+    RandomStream window({.seed = options_.seed,
+                         .sample = options_.sample,
+                         .image = static_cast<std::uint64_t>(2 * image.cycle + image.window),
+                         .purpose = "systematic error of a window"});
+    const double shared_px = mil.systematic_arcsec * kArcsecond / believed_camera_.intrinsics.plate_scale_rad_px();
+    noise += Vec2(window.normal(0.0, shared_px), window.normal(0.0, shared_px));
+  }
   navigation::BeaconMeasurement m;
   m.body = beacon;
   m.mid_exposure = world_.onboard_clock(image.epoch);

@@ -37,6 +37,27 @@ Result<dynamics::ForceSettings> true_forces(const scenario::TruthDynamics& truth
   return settings;
 }
 
+// Where planets stand, beside what is believed of it.
+std::vector<Ephemeris::Displacement> draw_displacements(const scenario::Scenario& s, std::uint64_t seed,
+                                                        std::uint64_t sample) {
+  const scenario::OnboardEphemeris& km = s.onboard.ephemeris;
+  const std::array<std::pair<BodyId, double>, 7> systems{{{body::mercury_barycenter, km.mercury_km},
+                                                          {body::venus_barycenter, km.venus_km},
+                                                          {body::earth_moon_barycenter, km.earth_km},
+                                                          {body::mars_barycenter, km.mars_km},
+                                                          {body::jupiter_barycenter, km.jupiter_km},
+                                                          {body::saturn_barycenter, km.saturn_km},
+                                                          {body::uranus_barycenter, km.uranus_km}}};
+  std::vector<Ephemeris::Displacement> out;
+  RandomStream stream({.seed = seed, .sample = sample, .purpose = "places of planets"});
+  for (const auto& [system, sigma_km] : systems) {
+    const double sigma_m = s.truth.ephemeris.error_scale * sigma_km * 1e3;
+    const double along_m = stream.normal(0.0, sigma_m), across_m = stream.normal(0.0, sigma_m);
+    out.push_back({system, along_m, across_m});
+  }
+  return out;
+}
+
 // What the ground planned.
 Result<trajectory::FlightPlan> planned_transfer(const scenario::Scenario& s, const Ephemeris& ephemeris,
                                                 const dynamics::ForceSettings& forces) {
@@ -138,6 +159,8 @@ Result<std::unique_ptr<World>> World::create(const scenario::Scenario& s, std::u
     auto opened = Ephemeris::open(world->truth_ephemeris_file_.bytes());
     if (!opened) return forward(opened, world->truth_ephemeris_file_.path().string());
     world->ephemeris_ = std::move(*opened);
+  } else if (s.truth.ephemeris.error_scale > 0.0) {
+    world->ephemeris_ = world->onboard_ephemeris_.displaced(draw_displacements(s, seed, sample));
   }
 
   auto stars = open_or_default(s.data.catalogue_file, "hipparcos.stars");

@@ -82,6 +82,8 @@ const std::array kKeys{
     NUMBER(truth.unloading.shortest_pause_days, "d", 0.01, 1000.0, "shortest time from kick to kick; uniform between both"),
     NUMBER(truth.unloading.longest_pause_days, "d", 0.01, 1000.0, "longest time from kick to kick"),
 
+    NUMBER(truth.ephemeris.error_scale, "", 0.0, 100.0, "planets stand elsewhere than the onboard ephemeris says, along and across their orbits, drawn once a mission: this times the sigmas of [onboard.ephemeris]; of no effect where data.truth_ephemeris_file says where they stand"),
+
     NUMBER(truth.clock.offset_ms, "ms", -10000.0, 10000.0, "onboard clock less the true time"),
 
     NUMBER(truth.upsets.safe_mode_day, "d", 0.0, 10000.0, "when the spacecraft falls into a safe mode: no images, and nothing is tracked; days of all upsets count from the trajectory's begin, as first_window_day does"),
@@ -176,6 +178,7 @@ const std::array kKeys{
     NUMBER(onboard.vision.planet_gate_probability, "", 0.5, 1.0, "share of true planets that the search ellipse must hold"),
 
     NUMBER(mil.line_of_sight_noise_arcsec, "arcsec", 0.0, 36000.0, "noise of the sights flown without images, 1 sigma per axis; 0: perfect"),
+    NUMBER(mil.systematic_arcsec, "arcsec", 0.0, 3600.0, "error that all sights of a window share, per axis, 1 sigma; drawn anew for each window, and told to the filter"),
     NUMBER(mil.outlier_share, "", 0.0, 0.5, "share of sights whose noise is larger than the filter is told"),
     NUMBER(mil.outlier_scale, "", 1.0, 1e4, "how much larger"),
 

@@ -91,6 +91,10 @@ struct TruthUnloading {
   double longest_pause_days = 5.0;
 };
 
+struct TruthEphemeris {
+  double error_scale = 0.0;
+};
+
 struct TruthClock {
   double offset_ms = 0.0;
 };
@@ -212,6 +216,7 @@ struct Mil {
   double line_of_sight_noise_arcsec = 0.07;
   double outlier_share = 0.0;
   double outlier_scale = 10.0;
+  double systematic_arcsec = 0.0;
 };
 
 struct Scenario {
@@ -223,6 +228,7 @@ struct Scenario {
     TruthDynamics dynamics;
     TruthThrust thrust;
     TruthUnloading unloading;
+    TruthEphemeris ephemeris;
     TruthClock clock;
     TruthUpsets upsets;
     TruthPointing pointing;
