@@ -170,10 +170,10 @@ bool CentroidFinder::by_fit(ImageView<const T> image, const Candidate& candidate
       return false;
   }
   const LocalPsf psf = lessons_.belief().at(guess);
-  const int reach = psf.reach_px();
   const int u = static_cast<int>(std::lround(guess.u)), v = static_cast<int>(std::lround(guess.v));
-  const Window window = region.saturated ? grown(candidate.core, reach + 1, image.width(), image.height())
-                                         : grown({u, v, u, v}, reach, image.width(), image.height());
+  const Window core = region.saturated ? candidate.core : Window{u, v, u, v};
+  const int reach = region.saturated ? reach_about_full_px(core, psf) : psf.reach_px();
+  const Window window = grown(core, reach, image.width(), image.height());
   if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return by_squares(image, region, out);
   const LocalLevel level = background_.at(guess);
   PsfEvidence evidence;
@@ -235,9 +235,12 @@ Window CentroidFinder::core_about(ImageView<const std::uint16_t> image, Pixel pl
 }
 
 std::optional<Window> CentroidFinder::window_about(ImageView<const std::uint16_t> image, Pixel place,
-                                                   int reach_px) const {
-  const Window core = core_about(image, place, kMaxFitWindow - 2 * (reach_px + 1));
-  const Window window = grown(core, reach_px + 1, image.width(), image.height());
+                                                   const LocalPsf& psf) const {
+  const Window core = core_about(image, place, kMaxFitWindow - 2 * (psf.reach_px() + 1));
+  const bool full =
+      core.width() > 1 || core.height() > 1 || static_cast<double>(image(core.u0, core.v0)) >= sensor_.saturation_dn;
+  const int reach = full ? reach_about_full_px(core, psf) : psf.reach_px() + 1;
+  const Window window = grown(core, reach, image.width(), image.height());
   if (window.width() > kMaxFitWindow || window.height() > kMaxFitWindow) return std::nullopt;
   return window;
 }
@@ -253,7 +256,7 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
     const int reach = psf.reach_px();
     if (!(guess.u >= reach && guess.v >= reach && guess.u < image.width() - reach && guess.v < image.height() - reach))
       continue;
-    const auto window = window_about(image, guess, reach);
+    const auto window = window_about(image, guess, psf);
     if (!window) continue;
     const PsfFit fit =
         fit_psf_beside(image, *window, guess, level_under(guess, level), sensor_, psf, flux_dn, disc, beside);
@@ -276,7 +279,7 @@ bool CentroidFinder::measure_beside(ImageView<const std::uint16_t> image, const 
 bool CentroidFinder::measure_disc(ImageView<const std::uint16_t> image, const FrameLevel& level, const LitDisc& disc,
                                   Centroid& spot) {
   const LocalPsf psf = lessons_.before().at(spot.pixel);
-  const auto window = window_about(image, spot.pixel, psf.reach_px());
+  const auto window = window_about(image, spot.pixel, psf);
   if (!window) return false;
   PsfEvidence evidence;
   const PsfFit fit =

@@ -122,7 +122,7 @@ class CentroidFinder {
   // The saturated pixels that hang together about a place; that pixel alone where it is none of them.
   Window core_about(ImageView<const std::uint16_t> image, Pixel place, int most_px) const;
   // That and what a fit wants about it; nothing where it is more than a fit can hold.
-  std::optional<Window> window_about(ImageView<const std::uint16_t> image, Pixel place, int reach_px) const;
+  std::optional<Window> window_about(ImageView<const std::uint16_t> image, Pixel place, const LocalPsf& psf) const;
   LocalLevel level_under(Pixel place, const FrameLevel& level) const;
 
   CentroidSettings settings_;

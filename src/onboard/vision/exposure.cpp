@@ -61,7 +61,8 @@ SpotForecast forecast_spot(const SensorModel& sensor, const LocalPsf& psf, doubl
   }
   out.peak_dn = static_cast<double>(picture[static_cast<std::size_t>(kMiddle * kSide + kMiddle)]);
   out.saturated = out.peak_dn >= sensor.saturation_dn;
-  const int reach = psf.reach_px() + (out.saturated ? core + 1 : 0);
+  const Window full{kMiddle - core, kMiddle - core, kMiddle + core, kMiddle + core};
+  const int reach = out.saturated ? core + reach_about_full_px(full, psf) : psf.reach_px();
   if (2 * reach + 1 > kMaxFitWindow) return out;
   const Window window{kMiddle - reach, kMiddle - reach, kMiddle + reach, kMiddle + reach};
   const LocalLevel level{.at = kPlace, .noise_dn = noise_dn};

@@ -215,6 +215,11 @@ PsfFit fit_patch(Patch& patch, Pixel guess, const SensorModel& sensor, const Loc
 
 }  // namespace
 
+int reach_about_full_px(const Window& full, const LocalPsf& psf) {
+  const int least = psf.reach_px() + 1, room = (kMaxFitWindow - std::max(full.width(), full.height())) / 2;
+  return std::clamp(room, least, least + 4);
+}
+
 template <typename T>
 PsfFit fit_psf(ImageView<const T> image, const Window& window, Pixel guess, const LocalLevel& level,
                const SensorModel& sensor, const LocalPsf& psf, PsfEvidence* evidence) {

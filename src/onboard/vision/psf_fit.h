@@ -46,6 +46,11 @@ struct Window {
   int height() const { return v1 - v0 + 1; }
 };
 
+// How far beyond its full pixels a saturated spot's window reaches, so far as there is room: four pixels more than the
+// wings of its core do. Within less, a halo narrower by a third and with most of its light outside passes for the true
+// one, and whoever has come to believe in it stays there (docs/adr/0002).
+int reach_about_full_px(const Window& full, const LocalPsf& psf);
+
 // What lies under a spot: a plane, where columns are smeared something more for each, and the noise.
 struct LocalLevel {
   Pixel at;

@@ -55,6 +55,51 @@ Outcome beside_a_star(const Truth& truth, double star_e, double apart_px, Measur
   return out;
 }
 
+// Whoever has come to believe in the halo's false answer (narrow, most of its light outside) finds the true one: in a
+// window of the core's wings alone chi-square has a second minimum there.
+TEST(PsfFit, AHaloHasOneAnswer) {
+  Truth point, inner, outer;
+  inner.halo_fraction = outer.halo_fraction = 1.0;
+  inner.halo_sigma_px = 2.5;
+  outer.halo_sigma_px = 2.0 * inner.halo_sigma_px;
+  inner.halo_offset_u = outer.halo_offset_u = -0.146;
+  inner.halo_offset_v = outer.halo_offset_v = -0.193;
+  constexpr double kShare = 0.025, kOuter = 0.4;
+  const SensorModel sensor = testing::believed(point);
+  const LocalLevel level{
+      .at = {kMiddle, kMiddle}, .background_dn = point.bias_dn, .noise_dn = point.read_noise_e / point.gain_e_dn};
+  LocalPsf believed = LocalPsf::from(sensor);
+  believed.value << point.sigma_px, 0.0255, 1.7, 0.72, -0.137, -0.18;
+  for (const double electrons_of_core : {1e6, 2.3e6, 2.3e7}) {
+    const Vec2 place(kMiddle + 0.1, kMiddle - 0.2);
+    ImageF electrons(kSide, kSide, 0.0f), image(kSide, kSide);
+    add_source(electrons, point, place.x(), place.y(), electrons_of_core);
+    add_source(electrons, inner, place.x(), place.y(), kShare * (1.0 - kOuter) * electrons_of_core);
+    add_source(electrons, outer, place.x(), place.y(), kShare * kOuter * electrons_of_core);
+    Window full{kSide, kSide, 0, 0};
+    for (int v = 0; v < kSide; ++v) {
+      for (int u = 0; u < kSide; ++u) {
+        const double dn = point.bias_dn + static_cast<double>(electrons(u, v)) / point.gain_e_dn;
+        image(u, v) = static_cast<float>(std::min<double>(dn, point.max_dn));
+        if (dn >= sensor.saturation_dn)
+          full = {std::min(full.u0, u), std::min(full.v0, v), std::max(full.u1, u), std::max(full.v1, v)};
+      }
+    }
+    const int reach = reach_about_full_px(full, believed);
+    const Window window{full.u0 - reach, full.v0 - reach, full.u1 + reach, full.v1 + reach};
+    PsfEvidence evidence;
+    const PsfFit fit =
+        fit_psf(ImageView<const float>(image.view()), window, {kMiddle, kMiddle}, level, sensor, believed, &evidence);
+    ASSERT_TRUE(fit.converged);
+    std::printf("  %.1e electrons, %d px about the core: off by %.5f px\n", electrons_of_core, reach,
+                (fit.pixel.vec() - place).norm());
+    EXPECT_LT((fit.pixel.vec() - place).norm(), 3e-4);
+    const LocalPsf::Vector says = evidence.information.ldlt().solve(evidence.vector);
+    EXPECT_NEAR(says[LocalPsf::halo_width], inner.halo_sigma_px, 0.3);
+    EXPECT_NEAR(says[LocalPsf::outer_share], kOuter, 0.15);
+  }
+}
+
 // A star that no catalogue lists (V 8 where the planet has V -2) neither moves a saturated planet nor widens its
 // error bar; so close that it cannot be told from the planet's own wings, the error bar says so.
 TEST(PsfFit, AStrangerInTheWindowIsSetAside) {

@@ -14,8 +14,11 @@ constexpr double kOuterShare = 0.3, kOuterShareSigma = 0.3;
 constexpr double kHaloWidthRelative = 0.3;
 // One object differs from the next by this much in width, relative: colour, and a disc if it is a body's.
 constexpr double kWidthOfStars = 0.005, kWidthOfBodies = 0.1, kWidthOfDiscs = 0.02;
+// A lesson moves a belief by its own sigma, or less. Who would have the halo somewhere else altogether (5 sigma) is two
+// stars: one double of V 2 in the second picture of a flight had moved all others' halos by 3 px.
+constexpr double kTwoStarsChi2 = 25.0;
 // Optics drift with temperature, and no model of them is exact: no belief becomes firmer than this.
-constexpr double kLeastRelative = 0.003, kLeastHaloRelative = 0.006, kLeastOffsetPx = 0.001;
+constexpr double kLeastRelative = 0.0015, kLeastHaloRelative = 0.003, kLeastOffsetPx = 0.0005;
 
 LocalPsf::Vector least_sigma(const SensorModel& sensor) {
   LocalPsf::Vector sigma;
@@ -79,7 +82,7 @@ double skew_of_disc_px(double radius_px, double psf_sigma_px) {
 // Shares of that which windows show (docs/adr/0002): fits of discs whose law is known, and of Minnaert's discs whose
 // skewness is off by as much as the law (0.08 for an exponent of 0.85 instead of Lambert's 1).
 double skew_of_known_disc_px(double radius_px, double psf_sigma_px, double law_of_light) {
-  constexpr double kLeast = 0.008, kOfLaw = 0.17;
+  constexpr double kLeast = 0.005, kOfLaw = 0.10;
   return std::hypot(kLeast, kOfLaw * law_of_light) * skew_of_disc_px(radius_px, psf_sigma_px);
 }
 
@@ -140,6 +143,8 @@ void PsfBelief::learn(Pixel pixel, const PsfEvidence& evidence, bool resolved) {
   const Matrix covariance = update.solve(covariance_);
   const Vector value = value_ + covariance * (map.transpose() * (vector - information * (map * value_)));
   if (!value.allFinite() || !covariance.allFinite()) return;
+  const Vec2 aside = (value - value_).segment<2>(LocalPsf::halo_u);
+  if (aside.dot(covariance_.block<2, 2>(LocalPsf::halo_u, LocalPsf::halo_u).inverse() * aside) > kTwoStarsChi2) return;
   value_ = value;
   covariance_ = 0.5 * (covariance + covariance.transpose());
   for (int k = 0; k < kStates; ++k) {

@@ -25,8 +25,8 @@ struct SensorModel {
   double halo_fraction = 0.01;  // its light, over the core's; as much again is its uncertainty
   double halo_sigma_px = 3.0;
   double psf_sigma_relative = 0.08;    // of the core's width, at the middle and at the corners
-  double psf_shape_relative = 0.002;   // of the light in a pixel: no core is a Gaussian
-  double halo_shape_relative = 0.005;  // of the halo's light in a pixel, nor is a halo
+  double psf_shape_relative = 0.0012;  // of the light in a pixel: no core is a Gaussian
+  double halo_shape_relative = 0.003;  // of the halo's light in a pixel, nor is a halo
   double halo_offset_px = 0.2;         // of the halo's centre from the core's, each axis
 
   // Saturation: 95 % of the lower of full well and converter range, where clipping does not bite yet.

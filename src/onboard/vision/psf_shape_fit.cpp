@@ -11,6 +11,7 @@ namespace astronav::vision {
 namespace {
 
 constexpr int kMaxIterations = 40;
+constexpr int kReweighed = 20;       // steps after which the weights stay, lest they and the place chase each other
 constexpr double kConverged = 1e-4;  // px
 
 double at(const std::array<double, kMaxFitWindow>& values, int i) {
@@ -389,7 +390,7 @@ PsfFit ShapeFit::run(Pixel guess, const LocalPsf& prior, PsfEvidence* evidence_o
     if (trial_cost <= cost * (1.0 + 1e-12)) {
       p = trial;
       damping = std::max(damping * 0.1, 1e-9);
-      weigh(p);
+      if (iteration < kReweighed) weigh(p);
       cost = judge(p);
       const bool small =
           std::hypot(step(0), step(1)) < kConverged && std::abs(step(kShape + LocalPsf::width)) < 1e-3 * width;

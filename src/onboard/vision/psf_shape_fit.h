@@ -48,8 +48,8 @@ inline constexpr double kBlendChi2 = 2.5;
 // A fit that strangers may have spoilt (no neighbour whose light is like its own: that is no stranger), and one that
 // did better without them. What a window with strangers tells of the point-spread function is not learned.
 inline bool is_odd(const PsfFit& fit) {
-  constexpr double kMostChi2 = 100.0;
-  return fit.converged && fit.chi2_per_dof > kBlendChi2 && fit.chi2_per_dof < kMostChi2;
+  constexpr double kLeastChi2 = 1.3, kMostChi2 = 100.0;
+  return fit.converged && fit.chi2_per_dof > kLeastChi2 && fit.chi2_per_dof < kMostChi2;
 }
 inline bool is_better(const PsfFit& alone, const PsfFit& before) {
   return alone.converged && alone.chi2_per_dof < before.chi2_per_dof;

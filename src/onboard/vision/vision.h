@@ -60,6 +60,9 @@ class Vision {
   Vision(const VisionSettings& settings, const Intrinsics& camera, const SensorModel& sensor, const StarField& field,
          const PairIndex& index);
 
+  // From now on the stars that stand in a body's light are looked up in `deeper`, which must outlive the object.
+  void look_up_neighbours_in(const StarField& deeper) { neighbours_ = &deeper; }
+
   // `observer`: place, velocity and mid-exposure epoch as believed; 100 m/s are 0.07 arcsec.
   const FrameResult& process(ImageView<const std::uint16_t> frame, const Observer& observer,
                              const std::optional<Mat3>& prior_R_CN = {},
@@ -128,6 +131,7 @@ class Vision {
   VisionSettings settings_;
   double psf_sigma_px_, saturation_dn_;
   const StarField& field_;
+  const StarField* neighbours_ = &field_;
   Intrinsics camera_;
   Pixel middle_;
   CentroidFinder finder_;

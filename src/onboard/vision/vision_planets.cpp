@@ -251,8 +251,8 @@ void Vision::add_stars(const Body& body, const Observer& observer, Company& comp
   if (!direction_C) return;
   constexpr double kAberrationRad = 2e-4;  // 60 km/s
   const double reach_rad = kStarReachPx / attitude.intrinsics.fx_px + kAberrationRad;
-  const std::size_t found = field_.cone(attitude.R_CN.transpose() * *direction_C, reach_rad, near_);
-  const ApparentPlaces places(field_, observer);
+  const std::size_t found = neighbours_->cone(attitude.R_CN.transpose() * *direction_C, reach_rad, near_);
+  const ApparentPlaces places(*neighbours_, observer);
   const LocalPsf psf = finder_.psf().at(body.at);
   const double s2 = psf.sigma_px() * psf.sigma_px(), h2 = std::pow(psf.value[LocalPsf::halo_width], 2),
                halo = psf.value[LocalPsf::halo_share];
@@ -260,8 +260,9 @@ void Vision::add_stars(const Body& body, const Observer& observer, Company& comp
     return flux / (2.0 * kPi) * (std::exp(-0.5 * r * r / s2) / s2 + halo * std::exp(-0.5 * r * r / h2) / h2);
   };
   // What a fit will look at: beyond full pixels as far as about a point.
-  const double reach_px =
-      psf.reach_px() + std::sqrt(2.0 * s2 * std::log(std::max(1.0, light_at(body.flux_dn, 0.0) / saturation_dn_)));
+  const double full_px = std::sqrt(2.0 * s2 * std::log(std::max(1.0, light_at(body.flux_dn, 0.0) / saturation_dn_)));
+  const int core = static_cast<int>(std::lround(full_px));
+  const double reach_px = full_px + (core > 0 ? reach_about_full_px({-core, -core, core, core}, psf) : psf.reach_px());
   struct Ranked {
     double light;
     LightBeside star;
@@ -271,7 +272,7 @@ void Vision::add_stars(const Body& body, const Observer& observer, Company& comp
   const std::size_t room = kMostBeside - company.count;
   if (room == 0) return;
   for (std::size_t i = 0; i < found; ++i) {
-    const FieldStar& entry = field_.stars()[near_[i]];
+    const FieldStar& entry = neighbours_->stars()[near_[i]];
     PlanetPrediction star;
     star.direction_N = places.of(entry);
     const Result<PredictedPixel> place = predict_pixel(star, attitude);

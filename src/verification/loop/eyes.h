@@ -54,7 +54,7 @@ class Eyes {
 
   World& world_;
   Mat3 true_axes_ = Mat3::Identity();  // axes that hang on pixels, in the true camera's
-  vision::StarField field_;
+  vision::StarField field_, neighbours_;
   std::vector<std::byte> index_bytes_;
   vision::PairIndex index_;
   std::unique_ptr<vision::Vision> vision_;

@@ -131,7 +131,7 @@ struct TruthPhotocentre {
 };
 
 struct Sky {
-  double max_v_mag = 8.0;
+  double max_v_mag = 9.5;
   double companion_share = 0.2;
 };
 
