@@ -100,6 +100,44 @@ TEST(PsfFit, AHaloHasOneAnswer) {
   }
 }
 
+// A double star (2 % of its light at 2.9 px, as one of V 2 near Parker's Jupiter) is not taken for a halo that stands
+// aside; a star with a halo that does is.
+TEST(PsfBelief, ADoubleStarIsNoHalo) {
+  Truth truth;
+  const SensorModel sensor = testing::believed(truth);
+  const LocalLevel level{.at = {kMiddle, kMiddle},
+                         .background_dn = truth.bias_dn + truth.background_e / truth.gain_e_dn,
+                         .noise_dn = std::hypot(truth.read_noise_e, std::sqrt(truth.background_e)) / truth.gain_e_dn};
+  const Window window{11, 11, 29, 29};
+  const auto learn_from = [&](const ImageF& electrons) {
+    RandomStream random(StreamId{.seed = 5, .purpose = "a double star"});
+    ImageU16 image(kSide, kSide);
+    expose(electrons, truth, random, image);
+    PsfBelief belief(sensor, kSide, kSide);
+    const LocalPsf psf = belief.at({kMiddle, kMiddle});
+    const PsfFit fit =
+        fit_psf(ImageView<const std::uint16_t>(image.view()), window, {kMiddle, kMiddle}, level, sensor, psf);
+    PsfEvidence evidence;
+    EXPECT_TRUE(fit.converged);
+    EXPECT_TRUE(psf_evidence(ImageView<const std::uint16_t>(image.view()), window, fit, level, sensor, psf, evidence));
+    belief.learn(fit.pixel, evidence, false);
+    return Vec2(belief.at({kMiddle, kMiddle}).value.segment<2>(LocalPsf::halo_u));
+  };
+  constexpr double kStarE = 4e5;
+  ImageF two(kSide, kSide, 0.0f), haloed(kSide, kSide, 0.0f);
+  add_source(two, truth, kMiddle, kMiddle, kStarE);
+  add_source(two, truth, kMiddle + 1.83, kMiddle - 2.25, 0.02 * kStarE);
+  Truth aside = truth;
+  aside.halo_fraction = 0.03;
+  aside.halo_sigma_px = 2.5;
+  aside.halo_offset_u = 0.4;
+  add_source(haloed, aside, kMiddle, kMiddle, kStarE);
+  const Vec2 by_two = learn_from(two), by_halo = learn_from(haloed);
+  std::printf("  by a double %.3f %.3f px, by a halo %.3f %.3f px\n", by_two.x(), by_two.y(), by_halo.x(), by_halo.y());
+  EXPECT_LT(by_two.norm(), 0.05);
+  EXPECT_NEAR(by_halo.x(), aside.halo_offset_u, 0.15);
+}
+
 // A star that no catalogue lists (V 8 where the planet has V -2) neither moves a saturated planet nor widens its
 // error bar; so close that it cannot be told from the planet's own wings, the error bar says so.
 TEST(PsfFit, AStrangerInTheWindowIsSetAside) {
