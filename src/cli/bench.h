@@ -52,12 +52,12 @@ struct Bench {
 struct OnboardEyes {
   static Result<std::unique_ptr<OnboardEyes>> create(const Bench& bench);
 
-  vision::StarField field;
+  vision::StarField field, neighbours;
   std::vector<std::byte> index_bytes;
   vision::PairIndex index;
   std::unique_ptr<vision::Vision> vision;
   // Heap in use by each, bytes.
-  std::size_t field_size = 0, index_size = 0, vision_size = 0;
+  std::size_t field_size = 0, neighbours_size = 0, index_size = 0, vision_size = 0;
 };
 
 // bench_frames.cpp

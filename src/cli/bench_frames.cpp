@@ -230,6 +230,9 @@ Result<std::unique_ptr<OnboardEyes>> OnboardEyes::create(const Bench& bench) {
   const auto grown = [&before] { return heap_in_use() - std::exchange(before, heap_in_use()); };
   eyes->field = vision::StarField::build(bench.world->catalogue(), max_v, bench.epoch);
   eyes->field_size = grown();
+  eyes->neighbours =
+      vision::StarField::build(bench.world->catalogue(), loop::neighbours_max_v_mag(bench.scenario), bench.epoch);
+  eyes->neighbours_size = grown();
   auto asterisms =
       vision::AsterismSettings::for_field(camera.field_of_view_horizontal_rad(), camera.field_of_view_vertical_rad());
   asterisms.max_v_mag = std::min(asterisms.max_v_mag, max_v);
@@ -240,6 +243,7 @@ Result<std::unique_ptr<OnboardEyes>> OnboardEyes::create(const Bench& bench) {
   eyes->index_size = grown();
   eyes->vision = std::make_unique<vision::Vision>(loop::vision_settings(bench.scenario), camera,
                                                   vision::SensorModel::from(bench.believed), eyes->field, eyes->index);
+  eyes->vision->look_up_neighbours_in(eyes->neighbours);
   eyes->vision_size = grown();
   return eyes;
 }

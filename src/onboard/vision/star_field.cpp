@@ -18,6 +18,9 @@ int cell_of(double x, int cells) {
 StarField StarField::build(const StarCatalogue& catalogue, double max_v_mag, Epoch epoch) {
   StarField field;
   field.epoch_ = epoch;
+  std::size_t bright = 0;
+  for (std::size_t i = 0; i < catalogue.size(); ++i) bright += catalogue.star(i).v_mag <= max_v_mag;
+  field.stars_.reserve(bright);
   for (std::size_t i = 0; i < catalogue.size(); ++i) {
     const Star star = catalogue.star(i);
     if (!(star.v_mag <= max_v_mag)) continue;

@@ -79,6 +79,11 @@ Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& s, 
   return settings;
 }
 
+double neighbours_max_v_mag(const scenario::Scenario& s) {
+  constexpr double kDeeperMag = 2.0;
+  return s.onboard.vision.star_max_v_mag + kDeeperMag;
+}
+
 vision::VisionSettings vision_settings(const scenario::Scenario& s) {
   const scenario::OnboardVision& belief = s.onboard.vision;
   vision::VisionSettings settings;

@@ -23,6 +23,9 @@ inline constexpr double kBelievedMassKg = 25.0;
 Result<navigation::FilterSettings> filter_settings(const scenario::Scenario& scenario, const Camera& camera,
                                                    Level level, double mass_kg = kBelievedMassKg);
 vision::VisionSettings vision_settings(const scenario::Scenario& scenario);
+// Of the list in which stars beside planets are looked up. What is two magnitudes fainter than the stars that name the
+// sky still moves a planet in whose wings it stands.
+double neighbours_max_v_mag(const scenario::Scenario& scenario);
 Result<vision::ExposureSettings> exposure_settings(const scenario::Scenario& scenario, const Camera& camera);
 executive::StanceSettings stance_settings(const scenario::Scenario& scenario);
 // Candidates, limits, merit, and what the platform can do between two windows.

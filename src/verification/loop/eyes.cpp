@@ -64,9 +64,7 @@ Result<std::unique_ptr<Eyes>> Eyes::create(const scenario::Scenario& s, World& w
   const double fov_h = believed.intrinsics.field_of_view_horizontal_rad();
   const double fov_v = believed.intrinsics.field_of_view_vertical_rad();
   eyes->field_ = vision::StarField::build(world.catalogue(), belief.star_max_v_mag, epoch);
-  // What is two magnitudes fainter names nobody, but it still moves a planet in whose wings it stands.
-  constexpr double kDeeperMag = 2.0;
-  eyes->neighbours_ = vision::StarField::build(world.catalogue(), belief.star_max_v_mag + kDeeperMag, epoch);
+  eyes->neighbours_ = vision::StarField::build(world.catalogue(), neighbours_max_v_mag(s), epoch);
   auto asterisms = vision::AsterismSettings::for_field(fov_h, fov_v);
   asterisms.max_v_mag = std::min(asterisms.max_v_mag, belief.star_max_v_mag);
   eyes->index_bytes_ = vision::build_pair_index(eyes->field_, asterisms);
